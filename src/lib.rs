@@ -1,0 +1,23 @@
+//! Quadrille plans for robot arms that work together: picks, places and handoffs, from one
+//! arrangement of objects to another, as joint trajectories that a judge has checked.
+//!
+//! The flow runs one way; each room knows only rooms to its left:
+//!
+//! ```text
+//! geometry -> kinematics -> workcell -> problem -> mode_graph -> guidance -> transition -> motion
+//!          -> search -> trajectory -> plan -> verify -> planner -> wire -> jobs -> service, cli
+//! ```
+//!
+//! Everything up to [`planner`] is free of async runtimes, HTTP and wall clocks (except through
+//! [`run::Deadline`]); a library user plans without tokio.
+
+#![deny(missing_docs)]
+#![deny(unsafe_code)]
+
+pub mod geometry;
+pub mod kinematics;
+pub mod plan;
+pub mod planner;
+pub mod problem;
+pub mod run;
+pub mod workcell;

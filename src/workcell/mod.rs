@@ -1,0 +1,43 @@
+//! The workcell: arms in place, obstacles, surfaces, objects with their grasps, and which bodies
+//! may touch for good.
+//!
+//! Ids are indices here; names live at the border.
+
+mod arm;
+mod body;
+mod object;
+
+pub use arm::{Arm, Tool};
+pub use body::{Obstacle, Surface};
+pub use object::{Grasp, ObjectModel, Symmetry};
+
+/// Index of an arm in [`Workcell::arms`].
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct ArmId(pub usize);
+
+/// Index of an obstacle in [`Workcell::obstacles`].
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct ObstacleId(pub usize);
+
+/// Index of a surface in [`Workcell::surfaces`].
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct SurfaceId(pub usize);
+
+/// Index of an object in the problem.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct ObjectId(pub usize);
+
+/// Everything that stands still between jobs: arms, obstacles, surfaces.
+#[derive(Debug, Clone)]
+pub struct Workcell {
+    /// The arms.
+    pub arms: Vec<Arm>,
+    /// Static bodies.
+    pub obstacles: Vec<Obstacle>,
+    /// Areas on which objects may stand.
+    pub surfaces: Vec<Surface>,
+    /// Pairs of (arm, rigid group) and obstacle that `allowed_contacts` exempts.
+    pub allowed_arm_obstacle: Vec<(ArmId, usize, ObstacleId)>,
+    /// Pairs of rigid groups of two different arms that `allowed_contacts` exempts.
+    pub allowed_arm_arm: Vec<((ArmId, usize), (ArmId, usize))>,
+}

@@ -1,0 +1,61 @@
+//! Movable objects and the ways to hold them.
+
+use crate::geometry::{PlacedShape, Pose};
+
+/// One way to hold an object.
+#[derive(Debug, Clone)]
+pub struct Grasp {
+    /// A name, unique within the object.
+    pub id: String,
+    /// The object's frame in the TCP frame.
+    pub object_in_tcp: Pose,
+}
+
+/// Rotations of an object about its own frame that make no difference.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Symmetry {
+    /// None but the identity.
+    None,
+    /// The rotations that map a box of these extents onto itself.
+    Box,
+    /// Any turn about z, and upside down.
+    CylinderZ,
+    /// Any rotation.
+    Sphere,
+}
+
+/// A movable object.
+#[derive(Debug, Clone)]
+pub struct ObjectModel {
+    /// Its id in the problem.
+    pub id: String,
+    /// Collision shapes in its frame.
+    pub shapes: Vec<PlacedShape>,
+    /// Mass (kg), for the record.
+    pub mass: f64,
+    /// Its symmetry, up to which goal poses are met.
+    pub symmetry: Symmetry,
+    /// The rotations of its symmetry when these are finitely many (the identity first); for
+    /// [`Symmetry::CylinderZ`] and [`Symmetry::Sphere`] the identity alone.
+    pub symmetry_rotations: Vec<nalgebra::UnitQuaternion<f64>>,
+    /// All grasps, generators expanded, in a fixed order.
+    pub grasps: Vec<Grasp>,
+    /// Length of the straight approach before a grasp or release (m).
+    pub approach: f64,
+    /// Length of the straight retreat after it (m).
+    pub retreat: f64,
+    /// Objects of one class have equal shapes, grasps, symmetry, approach and retreat.
+    pub class: usize,
+}
+
+impl ObjectModel {
+    /// The pose of the object held with `grasp` by a TCP at `tcp`.
+    pub fn held_pose(&self, grasp: usize, tcp: &Pose) -> Pose {
+        tcp * self.grasps[grasp].object_in_tcp
+    }
+
+    /// The radius (m) of the ball around the object's origin that holds it.
+    pub fn bounding_radius(&self) -> f64 {
+        self.shapes.iter().map(PlacedShape::bounding_radius).fold(0.0, f64::max)
+    }
+}
