@@ -32,7 +32,8 @@ impl ExactShape {
         let local = placed.exact_pose(&Pose::identity());
         let shape = placed.shape.to_parry();
         let ball = shape.compute_local_bounding_sphere();
-        let centre = local * nalgebra::Point3::new(ball.center().x, ball.center().y, ball.center().z);
+        let centre = ball.center();
+        let centre = local * nalgebra::Point3::new(centre.x, centre.y, centre.z);
         Self { shape, local, centre: centre.coords, radius: ball.radius() }
     }
 
@@ -52,8 +53,8 @@ impl ExactShape {
         if far > cutoff {
             return far;
         }
-        let a = (body * self.local).into();
-        let b = (other_body * other.local).into();
+        let a = to_parry_pose(&(body * self.local));
+        let b = to_parry_pose(&(other_body * other.local));
         match query::contact(&a, self.shape.as_ref(), &b, other.shape.as_ref(), cutoff.max(0.0)) {
             Ok(Some(contact)) => contact.dist,
             Ok(None) => cutoff.max(0.0),
@@ -61,6 +62,15 @@ impl ExactShape {
             Err(_) => f64::NEG_INFINITY,
         }
     }
+}
+
+/// A pose as parry takes it.
+fn to_parry_pose(pose: &Pose) -> parry3d_f64::math::Pose {
+    let (t, r) = (pose.translation.vector, pose.rotation.coords);
+    parry3d_f64::math::Pose::from_parts(
+        parry3d_f64::math::Vector::new(t.x, t.y, t.z),
+        parry3d_f64::math::Rotation::from_xyzw(r.x, r.y, r.z, r.w),
+    )
 }
 
 #[cfg(test)]
