@@ -20,4 +20,5 @@ pub mod plan;
 pub mod planner;
 pub mod problem;
 pub mod run;
+pub mod trajectory;
 pub mod workcell;

@@ -1,5 +1,7 @@
 //! A plan: one trajectory per arm on a shared clock, and the actions along it.
 
+mod from_curve;
+
 use crate::geometry::Pose;
 use crate::workcell::{ArmId, ObjectId, SurfaceId};
 

@@ -1,0 +1,132 @@
+//! How fast and how far a curve moves: closed-form bounds for certification, and arc length.
+
+use std::ops::Range;
+
+use crate::kinematics::Config;
+
+use super::Curve;
+use super::hermite::Cubic;
+
+/// Nodes and weights of the five-point Gauss-Legendre rule on [-1, 1].
+const GAUSS: [(f64, f64); 5] = [
+    (0.0, 0.568_888_888_888_888_9),
+    (-0.538_469_310_105_683_1, 0.478_628_670_499_366_47),
+    (0.538_469_310_105_683_1, 0.478_628_670_499_366_47),
+    (-0.906_179_845_938_664, 0.236_926_885_056_189_08),
+    (0.906_179_845_938_664, 0.236_926_885_056_189_08),
+];
+
+/// Arc length is exact to about this (rad or m) on each segment.
+const ARC_TOLERANCE: f64 = 1e-10;
+
+impl Curve {
+    /// Calls `visit` with joint `joint` on every segment that meets `[t0, t1]` and the part of it,
+    /// in the segment's own time.
+    fn for_pieces(&self, joint: usize, t0: f64, t1: f64, mut visit: impl FnMut(&Cubic, f64, f64)) {
+        if self.segments() == 0 {
+            return;
+        }
+        let (t0, t1) = (t0.max(self.start_time()), t1.min(self.end_time()));
+        let mut segment = self.segment_at(t0);
+        while segment < self.segments() && self.points()[segment].t <= t1 {
+            let (cubic, h) = self.cubic(segment, joint);
+            let start = self.points()[segment].t;
+            let (from, to) = ((t0 - start).clamp(0.0, h), (t1 - start).clamp(0.0, h));
+            if from <= to {
+                visit(&cubic, from, to);
+            }
+            segment += 1;
+        }
+    }
+
+    /// Greatest |velocity| of `joint` between the times `t0` and `t1`, exactly.
+    pub fn max_speed(&self, joint: usize, t0: f64, t1: f64) -> f64 {
+        let mut most = 0.0_f64;
+        self.for_pieces(joint, t0, t1, |cubic, from, to| most = most.max(cubic.max_speed(from, to)));
+        most
+    }
+
+    /// Greatest |velocity| of every joint on the segments `range`, exactly.
+    pub fn max_abs_speeds_on(&self, range: Range<usize>) -> Config {
+        let range = range.start..range.end.min(self.segments());
+        (0..self.joints())
+            .map(|joint| {
+                let speed = |segment| {
+                    let (cubic, h) = self.cubic(segment, joint);
+                    cubic.max_speed(0.0, h)
+                };
+                range.clone().map(speed).fold(0.0, f64::max)
+            })
+            .collect()
+    }
+
+    /// Least and greatest value of `joint` between the times `t0` and `t1`, exactly.
+    pub fn joint_range(&self, joint: usize, t0: f64, t1: f64) -> (f64, f64) {
+        let at = |t: f64| self.state_at(t).0[joint];
+        let mut range = (f64::INFINITY, f64::NEG_INFINITY);
+        self.for_pieces(joint, t0, t1, |cubic, from, to| {
+            let (low, high) = cubic.position_range(from, to);
+            range = (range.0.min(low), range.1.max(high));
+        });
+        if range.0 > range.1 { (at(t0).min(at(t1)), at(t0).max(at(t1))) } else { range }
+    }
+
+    /// For every joint the greatest distance between its values at any two instants between `t0`
+    /// and `t1`, exactly (rad or m).
+    pub fn displacement_bounds(&self, t0: f64, t1: f64) -> Config {
+        (0..self.joints())
+            .map(|joint| {
+                let (low, high) = self.joint_range(joint, t0, t1);
+                high - low
+            })
+            .collect()
+    }
+
+    /// For every joint the greatest distance between its value at `t` and those between `t0` and
+    /// `t1`, exactly (rad or m).
+    pub fn displacement_from(&self, t: f64, t0: f64, t1: f64) -> Config {
+        let centre = self.position_at(t);
+        centre
+            .iter()
+            .enumerate()
+            .map(|(joint, value)| {
+                let (low, high) = self.joint_range(joint, t0, t1);
+                (high - value).max(value - low).max(0.0)
+            })
+            .collect()
+    }
+
+    /// Euclidean length of the joint path.
+    pub fn arc_length(&self) -> f64 {
+        let mut cubics: Vec<Cubic> = Vec::with_capacity(self.joints());
+        let mut length = 0.0;
+        for segment in 0..self.segments() {
+            cubics.clear();
+            let mut h = 0.0;
+            for joint in 0..self.joints() {
+                let (cubic, duration) = self.cubic(segment, joint);
+                cubics.push(cubic);
+                h = duration;
+            }
+            length += refined_length(&cubics, 0.0, h, gauss_length(&cubics, 0.0, h), 0);
+        }
+        length
+    }
+}
+
+/// Length over `[from, to]` by one application of the rule.
+fn gauss_length(cubics: &[Cubic], from: f64, to: f64) -> f64 {
+    let (middle, half) = (0.5 * (from + to), 0.5 * (to - from));
+    let speed = |t: f64| cubics.iter().map(|cubic| cubic.velocity(t).powi(2)).sum::<f64>().sqrt();
+    half * GAUSS.iter().map(|(node, weight)| weight * speed(middle + half * node)).sum::<f64>()
+}
+
+/// Length over `[from, to]`, halved until two halves agree with the whole.
+fn refined_length(cubics: &[Cubic], from: f64, to: f64, whole: f64, depth: usize) -> f64 {
+    let middle = 0.5 * (from + to);
+    let (left, right) = (gauss_length(cubics, from, middle), gauss_length(cubics, middle, to));
+    if depth >= 24 || (left + right - whole).abs() <= ARC_TOLERANCE {
+        return left + right;
+    }
+    refined_length(cubics, from, middle, left, depth + 1) + refined_length(cubics, middle, to, right, depth + 1)
+}
