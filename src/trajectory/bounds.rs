@@ -128,5 +128,6 @@ fn refined_length(cubics: &[Cubic], from: f64, to: f64, whole: f64, depth: usize
     if depth >= 24 || (left + right - whole).abs() <= ARC_TOLERANCE {
         return left + right;
     }
-    refined_length(cubics, from, middle, left, depth + 1) + refined_length(cubics, middle, to, right, depth + 1)
+    refined_length(cubics, from, middle, left, depth + 1)
+        + refined_length(cubics, middle, to, right, depth + 1)
 }

@@ -199,7 +199,13 @@ fn half_way_gain(bend: &Bend, before: &Piece, after: &Piece) -> f64 {
 
 /// Retakes corner `at` as fast as its neighbours allow, over a few ratios of exit to entry speed,
 /// if that saves time. Returns whether it did.
-fn improve(line: &Polyline, limits: &[JointLimits], corners: &mut [Corner], at: usize, bend: &mut Bend) -> bool {
+fn improve(
+    line: &Polyline,
+    limits: &[JointLimits],
+    corners: &mut [Corner],
+    at: usize,
+    bend: &mut Bend,
+) -> bool {
     let (before, after) = (&line.pieces[at - 1], &line.pieces[at]);
     let (from, to) = (corners[at - 1], corners[at + 1]);
     let (room_before, room_after) = (before.length - from.after(), after.length - to.before());

@@ -262,7 +262,8 @@ impl Curve {
     /// Breakpoints that these joints do not need are kept.
     pub fn select(&self, range: Range<usize>) -> Self {
         let pick = |values: &Config| values.iter().take(range.end).skip(range.start).copied().collect();
-        let points = self.points.iter().map(|p| CurvePoint { t: p.t, q: pick(&p.q), qd: pick(&p.qd) }).collect();
+        let points =
+            self.points.iter().map(|p| CurvePoint { t: p.t, q: pick(&p.q), qd: pick(&p.qd) }).collect();
         Self { points }
     }
 

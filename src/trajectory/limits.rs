@@ -64,7 +64,13 @@ impl Curve {
                 let acceleration = cubic.max_acceleration(0.0, h);
                 if exceeds(acceleration, limit.acceleration * (1.0 + ACCELERATION_SLACK)) {
                     let kind = LimitKind::Acceleration;
-                    return Err(LimitViolation { joint, kind, t, value: acceleration, limit: limit.acceleration });
+                    return Err(LimitViolation {
+                        joint,
+                        kind,
+                        t,
+                        value: acceleration,
+                        limit: limit.acceleration,
+                    });
                 }
             }
         }

@@ -53,7 +53,8 @@ impl Polyline {
     /// waypoint is kept rather than one equal to it.
     fn collapse_repeated(&mut self, path: &[Config], tolerances: &[f64]) {
         for (index, waypoint) in path.iter().enumerate() {
-            let tolerance = if index == 0 || index + 1 == path.len() { 0.0 } else { tolerances[index].max(0.0) };
+            let tolerance =
+                if index == 0 || index + 1 == path.len() { 0.0 } else { tolerances[index].max(0.0) };
             match (self.waypoints.last().copied(), self.tolerances.last_mut()) {
                 (Some(before), Some(last)) if farthest(&path[before], waypoint) <= SAME => {
                     *last = last.min(tolerance);
