@@ -1,8 +1,18 @@
 //! Arms as immutable kinematic models: forward kinematics, Jacobian, inverse kinematics.
 //!
 //! A model knows its own chain only, in the frame of its root link; where the arm stands is the
-//! workcell's business.
+//! workcell's business. Models come from URDF text, the user's or the [`library`]'s.
 
+mod library;
 mod model;
+mod srdf;
+mod urdf;
+mod xml;
 
+pub use library::{LibraryRobot, library, library_names};
 pub use model::{ArmModel, Config, Joint, JointLimits, Link, LinkMotion};
+pub use srdf::{SrdfError, disabled_group_pairs};
+pub use urdf::{
+    LimitFault, MAX_MESH_BYTES, MeshError, MeshResolver, NoMeshes, UrdfError, UrdfWarning, mesh_points,
+};
+pub use xml::{MAX_XML_BYTES, MAX_XML_NODES, XmlError};

@@ -94,6 +94,12 @@ pub struct ArmModel {
 }
 
 impl ArmModel {
+    /// An arm of `links` (root first, parents before children), its chain's `joints` (root to
+    /// mount) and the index of its mount link.
+    pub fn new(name: String, links: Vec<Link>, joints: Vec<Joint>, mount: usize) -> Self {
+        Self { name, links, joints, mount }
+    }
+
     /// Number of joints in the chain.
     pub fn dof(&self) -> usize {
         self.joints.len()
