@@ -10,6 +10,8 @@ pub const MAX_XML_NODES: u32 = 200_000;
 const MAX_XML_ATTRIBUTES: usize = 400_000;
 /// Longest accepted tag (bytes): the parser compares the attributes of one element pair by pair.
 const MAX_TAG_BYTES: usize = 64 << 10;
+/// Deepest accepted nesting: the parser calls itself for each level.
+const MAX_DEPTH: usize = 128;
 /// Most accepted namespace declarations: the parser copies them from element to element.
 const MAX_NAMESPACES: usize = 64;
 
@@ -61,24 +63,66 @@ fn check_sizes(text: &str) -> Result<(), XmlError> {
     if count(b'=') > MAX_XML_ATTRIBUTES {
         return Err(XmlError::TooLarge { what: "attributes", limit: MAX_XML_ATTRIBUTES });
     }
+    check_structure(text)
+}
+
+/// Bounds what would cost the parser more than time in proportion to the text: namespaces, long
+/// tags, deep nesting.
+///
+/// # Errors
+/// [`XmlError::TooLarge`].
+pub(super) fn check_structure(text: &str) -> Result<(), XmlError> {
     if text.matches("xmlns").take(MAX_NAMESPACES + 1).count() > MAX_NAMESPACES {
         return Err(XmlError::TooLarge { what: "namespaces", limit: MAX_NAMESPACES });
     }
+    check_tags(text)
+}
+
+/// Bounds the length and the nesting of tags.
+fn check_tags(text: &str) -> Result<(), XmlError> {
+    let mut depth = 0_usize;
     let mut rest = text;
     while let Some(start) = rest.find('<') {
         let tag = &rest[start..];
+        let until = |end: &str| tag.find(end).map_or(tag.len(), |at| at + end.len());
         let length = if tag.starts_with("<!--") {
-            tag.find("-->").map_or(tag.len(), |end| end + 3)
+            until("-->")
+        } else if tag.starts_with("<![CDATA[") {
+            until("]]>")
+        } else if tag.starts_with("<?") {
+            until("?>")
         } else {
-            let length = tag.find('>').map_or(tag.len(), |end| end + 1);
-            if length > MAX_TAG_BYTES {
-                return Err(XmlError::TooLarge { what: "bytes in one tag", limit: MAX_TAG_BYTES });
+            let length = tag_length(tag)?;
+            if tag.starts_with("</") {
+                depth = depth.saturating_sub(1);
+            } else if !tag[..length].ends_with("/>") {
+                depth += 1;
             }
             length
         };
+        if depth > MAX_DEPTH {
+            return Err(XmlError::TooLarge { what: "levels of nesting", limit: MAX_DEPTH });
+        }
         rest = &tag[length..];
     }
     Ok(())
+}
+
+/// The bytes from `<` to the `>` that ends the tag, which is not one within quotes.
+fn tag_length(tag: &str) -> Result<usize, XmlError> {
+    let mut quote = None;
+    for (at, byte) in tag.bytes().enumerate().take(MAX_TAG_BYTES) {
+        match (quote, byte) {
+            (None, b'>') => return Ok(at + 1),
+            (None, b'"' | b'\'') => quote = Some(byte),
+            (Some(open), _) if open == byte => quote = None,
+            _ => {}
+        }
+    }
+    if tag.len() > MAX_TAG_BYTES {
+        return Err(XmlError::TooLarge { what: "bytes in one tag", limit: MAX_TAG_BYTES });
+    }
+    Ok(tag.len())
 }
 
 #[cfg(test)]
@@ -93,10 +137,13 @@ mod tests {
 
     #[test]
     fn deep_nesting_and_many_attributes_end_in_an_error() {
-        let deep = "<a>".repeat(300_000);
-        assert!(parse_xml(&deep).is_err());
-        let well_formed = format!("{}{}", "<a>".repeat(150_000), "</a>".repeat(150_000));
-        assert!(parse_xml(&well_formed).is_ok());
+        let deep = |level: &str| format!("{}{}", level.repeat(150_000), "</a>".repeat(150_000));
+        for level in ["<a>", "<a b='/>'>", "<a b=\"'\" c='/>'>", "<a><!-- </a> -->", "<a><![CDATA[</a>]]>"] {
+            let text = &deep(level)[..level.len() * 150_000];
+            assert!(matches!(parse_xml(text), Err(XmlError::TooLarge { .. })), "{level}");
+        }
+        let flat = format!("<r>{}</r>", "<a b='>'></a>".repeat(10_000));
+        assert!(parse_xml(&flat).is_ok());
         let attributes: String = (0..100_000).map(|i| format!(" a{i}=\"\"")).collect();
         assert!(matches!(parse_xml(&format!("<r{attributes}/>")), Err(XmlError::TooLarge { .. })));
         let namespaces: String = (0..100).map(|i| format!("<a xmlns:n{i}='u'>")).collect();

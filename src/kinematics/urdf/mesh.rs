@@ -4,6 +4,7 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
 
 use crate::geometry::{ConvexHull, ShapeError, Vec3};
+use crate::kinematics::xml::check_structure;
 
 /// Longest accepted mesh file (bytes).
 pub const MAX_MESH_BYTES: usize = 64 << 20;
@@ -59,12 +60,10 @@ pub fn mesh_points(uri: &str, bytes: &[u8], scale: &Vec3) -> Result<Vec<Vec3>, M
     if bytes.len() > MAX_MESH_BYTES {
         return Err(MeshError::TooLarge);
     }
-    let ending = uri.rsplit('.').next().unwrap_or_default().to_ascii_lowercase();
-    let name = match ending.as_str() {
-        "stl" => "mesh.stl",
-        "dae" => "mesh.dae",
-        "obj" => "mesh.obj",
-        _ => "mesh",
+    let name = match kind_of_file(uri, bytes)? {
+        MeshFile::Stl => "mesh.stl",
+        MeshFile::Collada => "mesh.dae",
+        MeshFile::Obj => "mesh.obj",
     };
     // The readers come from outside and have assertions of their own: a panic in one of them is
     // a broken file to us.
@@ -88,6 +87,45 @@ pub fn mesh_points(uri: &str, bytes: &[u8], scale: &Vec3) -> Result<Vec<Vec3>, M
         }
     }
     Ok(points)
+}
+
+enum MeshFile {
+    Stl,
+    Collada,
+    Obj,
+}
+
+/// Tells the kind of file, and refuses what its reader would not survive or would misread.
+fn kind_of_file(uri: &str, bytes: &[u8]) -> Result<MeshFile, MeshError> {
+    let unreadable = |why: &str| MeshError::Unreadable(why.to_owned());
+    let ending = uri.rsplit('.').next().unwrap_or_default().to_ascii_lowercase();
+    let kind = match ending.as_str() {
+        "stl" => MeshFile::Stl,
+        "dae" => MeshFile::Collada,
+        "obj" => MeshFile::Obj,
+        _ if bytes.trim_ascii_start().starts_with(b"solid") => MeshFile::Stl,
+        _ if bytes.windows(8).take(1024).any(|window| window == b"<COLLADA") => MeshFile::Collada,
+        _ => return Err(unreadable("the kind of file is unknown")),
+    };
+    match kind {
+        MeshFile::Stl if !bytes.trim_ascii_start().starts_with(b"solid") => {
+            // Binary: a header of 80 bytes, the number of triangles, 50 bytes for each.
+            let count = bytes
+                .get(80..84)
+                .and_then(|field| <[u8; 4]>::try_from(field).ok())
+                .map(|field| u64::from(u32::from_le_bytes(field)))
+                .ok_or_else(|| unreadable("it is shorter than its header"))?;
+            if (bytes.len() as u64) < 84 + 50 * count {
+                return Err(unreadable("it is shorter than its number of triangles asks for"));
+            }
+        }
+        MeshFile::Collada => {
+            let text = std::str::from_utf8(bytes).map_err(|_| unreadable("it is not UTF-8"))?;
+            check_structure(text).map_err(|error| unreadable(&error.to_string()))?;
+        }
+        _ => {}
+    }
+    Ok(kind)
 }
 
 /// The convex hull of the mesh behind `uri`.
@@ -137,12 +175,13 @@ mod tests {
     fn broken_files_are_errors() {
         let good = tetrahedron_stl();
         for length in [0, 10, 83, 84, 100] {
-            let cut = mesh_points("a.stl", &good[..length], &Vec3::repeat(1.0));
-            assert!(cut.is_err() || cut.is_ok_and(|points| points.is_empty()), "{length}");
+            assert!(mesh_points("a.stl", &good[..length], &Vec3::repeat(1.0)).is_err(), "{length}");
         }
         let mut huge_count = good.clone();
         huge_count[80..84].copy_from_slice(&u32::MAX.to_le_bytes());
         assert!(mesh_points("a.stl", &huge_count, &Vec3::repeat(1.0)).is_err());
+        let deep = format!("<COLLADA>{}", "<a>".repeat(100_000));
+        assert!(mesh_points("a.dae", deep.as_bytes(), &Vec3::repeat(1.0)).is_err());
         assert!(mesh_points("a.xyz", b"nothing", &Vec3::repeat(1.0)).is_err());
         assert!(mesh_points("a.obj", b"v nan 0 0\nf 1 1 1", &Vec3::repeat(1.0)).is_err());
     }

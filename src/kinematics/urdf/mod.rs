@@ -205,15 +205,15 @@ fn mimic_drive(
         }
         offset += multiplier * mimic.offset;
         multiplier *= mimic.multiplier;
-        // Also catches NaN.
-        if !(multiplier.abs() <= MAX_MAGNITUDE && offset.abs() <= MAX_MAGNITUDE) {
-            return Err(UrdfError::OutOfRange {
-                place: format!("joint \"{}\" mimic", cut(&robot.joints[start].name)),
-                value: multiplier,
-                limit: MAX_MAGNITUDE,
-            });
-        }
         index = target;
+    }
+    // Also catches NaN.
+    if !(multiplier.abs() <= MAX_MAGNITUDE && offset.abs() <= MAX_MAGNITUDE) {
+        return Err(UrdfError::OutOfRange {
+            place: format!("joint \"{}\" mimic", cut(&robot.joints[start].name)),
+            value: multiplier,
+            limit: MAX_MAGNITUDE,
+        });
     }
     Ok(match drives[index] {
         Drive::Held(value) => Drive::Held(multiplier * value + offset),
