@@ -53,9 +53,8 @@ pub fn disabled_group_pairs(srdf_xml: &str, model: &ArmModel) -> Result<Vec<(usi
     for (index, node) in elements.enumerate() {
         let mut groups = [None; 2];
         for (group, attribute) in groups.iter_mut().zip(["link1", "link2"]) {
-            let link = node
-                .attribute(attribute)
-                .ok_or(SrdfError::MissingLink { number: index + 1, attribute })?;
+            let link =
+                node.attribute(attribute).ok_or(SrdfError::MissingLink { number: index + 1, attribute })?;
             *group = group_of.get(link).copied();
             if group.is_none() && unknown.len() < 20 {
                 unknown.insert(link.chars().take(80).collect::<String>());

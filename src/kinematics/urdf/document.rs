@@ -133,8 +133,10 @@ fn read_link(node: Node) -> Result<LinkElement, UrdfError> {
             .children()
             .find(Node::is_element)
             .ok_or_else(|| UrdfError::Missing { place: place.clone(), what: "shape in its <geometry>" })?;
-        collisions
-            .push(CollisionElement { pose: origin(collision, &place)?, geometry: read_shape(shape, &place)? });
+        collisions.push(CollisionElement {
+            pose: origin(collision, &place)?,
+            geometry: read_shape(shape, &place)?,
+        });
     }
     Ok(LinkElement { name: name.to_owned(), collisions })
 }
@@ -191,8 +193,7 @@ fn read_joint(node: Node) -> Result<JointElement, UrdfError> {
         }
     };
     let link_of = |tag: &'static str, what: &'static str| {
-        let element =
-            child(node, tag).ok_or_else(|| UrdfError::Missing { place: place.clone(), what })?;
+        let element = child(node, tag).ok_or_else(|| UrdfError::Missing { place: place.clone(), what })?;
         required(element, "link", &format!("{place} <{tag}>")).map(str::to_owned)
     };
     let axis = match child(node, "axis") {
@@ -314,11 +315,7 @@ fn parse_number(text: &str, place: &str) -> Result<f64, UrdfError> {
 }
 
 fn positive(value: f64, place: &str) -> Result<f64, UrdfError> {
-    if value > 0.0 {
-        Ok(value)
-    } else {
-        Err(UrdfError::SizeNotPositive { place: place.to_owned(), value })
-    }
+    if value > 0.0 { Ok(value) } else { Err(UrdfError::SizeNotPositive { place: place.to_owned(), value }) }
 }
 
 /// At most 80 characters of `text`, for messages.

@@ -129,11 +129,7 @@ fn kind_of_file(uri: &str, bytes: &[u8]) -> Result<MeshFile, MeshError> {
 }
 
 /// The convex hull of the mesh behind `uri`.
-pub(super) fn mesh_hull(
-    uri: &str,
-    scale: &Vec3,
-    meshes: &dyn MeshResolver,
-) -> Result<ConvexHull, MeshError> {
+pub(super) fn mesh_hull(uri: &str, scale: &Vec3, meshes: &dyn MeshResolver) -> Result<ConvexHull, MeshError> {
     let bytes = meshes.resolve(uri)?;
     let points = mesh_points(uri, &bytes, scale)?;
     Ok(ConvexHull::new(&points)?)
@@ -164,7 +160,8 @@ mod tests {
     fn points_of_each_format() {
         let scale = Vec3::new(2.0, 1.0, 1.0);
         let stl = mesh_points("package://p/a.STL", &tetrahedron_stl(), &scale).unwrap();
-        let obj = mesh_points("a.obj", b"v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 2 3\nf 1 2 4\n", &scale).unwrap();
+        let obj =
+            mesh_points("a.obj", b"v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 2 3\nf 1 2 4\n", &scale).unwrap();
         for points in [stl, obj] {
             assert!(points.iter().any(|p| (p - Vec3::new(2.0, 0.0, 0.0)).norm() < 1e-12));
             assert!(points.iter().all(|p| p.sum() <= 2.0));

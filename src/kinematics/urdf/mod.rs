@@ -197,8 +197,7 @@ fn mimic_drive(
         if steps > MAX_MIMIC_DEPTH {
             return Err(UrdfError::MimicCycle { joint: cut(&robot.joints[start].name) });
         }
-        let bad =
-            || UrdfError::BadMimic { joint: cut(&robot.joints[index].name), target: cut(&mimic.joint) };
+        let bad = || UrdfError::BadMimic { joint: cut(&robot.joints[index].name), target: cut(&mimic.joint) };
         let target = *by_name.get(mimic.joint.as_str()).ok_or_else(bad)?;
         if !robot.joints[target].kind.is_movable() {
             return Err(bad());
@@ -226,8 +225,8 @@ fn joint_motion(element: &JointElement, drive: Drive) -> Result<(Pose, LinkMotio
     if !element.kind.is_movable() {
         return Ok((element.origin, LinkMotion::Held));
     }
-    let axis = Unit::try_new(element.axis, 1e-9)
-        .ok_or_else(|| UrdfError::ZeroAxis { joint: cut(&element.name) })?;
+    let axis =
+        Unit::try_new(element.axis, 1e-9).ok_or_else(|| UrdfError::ZeroAxis { joint: cut(&element.name) })?;
     let turns = element.kind != JointKind::Prismatic;
     Ok(match drive {
         Drive::Held(value) if turns => {

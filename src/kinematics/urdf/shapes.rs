@@ -73,8 +73,9 @@ pub(super) fn merge_capsules(shapes: Vec<PlacedShape>) -> Vec<PlacedShape> {
     let mut merged = Vec::with_capacity(shapes.len());
     for (index, placed) in shapes.into_iter().enumerate() {
         match placed.shape {
-            Shape::Cylinder { radius, half_length } if capped[index] => merged
-                .push(PlacedShape { shape: Shape::Capsule { radius, half_length }, pose: placed.pose }),
+            Shape::Cylinder { radius, half_length } if capped[index] => {
+                merged.push(PlacedShape { shape: Shape::Capsule { radius, half_length }, pose: placed.pose })
+            }
             _ if swallowed[index] => {}
             _ => merged.push(placed),
         }

@@ -130,7 +130,9 @@ fn faults_have_their_own_errors() {
         r#"<joint name="k" type="fixed"><parent link="base"/><child link="foot"/></joint>"#,
     );
     assert!(matches!(fault(&loose, "hand"), E::UnknownLink { .. }));
-    for size in [r#"<box size="1 -1 1"/>"#, r#"<sphere radius="0"/>"#, r#"<cylinder radius="1" length="-2"/>"#] {
+    for size in
+        [r#"<box size="1 -1 1"/>"#, r#"<sphere radius="0"/>"#, r#"<cylinder radius="1" length="-2"/>"#]
+    {
         let text = robot(
             "revolute",
             LIMIT,
@@ -172,8 +174,7 @@ fn a_mesh_counts_as_its_hull_with_a_warning() {
             ),
         )
     };
-    let load =
-        |file: &str| ArmModel::from_urdf("r", &text(file), "hand", &BTreeMap::new(), &Tetrahedron);
+    let load = |file: &str| ArmModel::from_urdf("r", &text(file), "hand", &BTreeMap::new(), &Tetrahedron);
     let (model, warnings) = load("l.obj").unwrap();
     assert!(matches!(warnings.as_slice(), [UrdfWarning::MeshAsHull { .. }]));
     assert!((model.links[1].shapes[0].shape.support(&Vec3::z()) - 2.0).abs() < 1e-6);
@@ -236,8 +237,20 @@ fn held_faults() {
 
 /// Pieces that break things when they land in a URDF.
 const PIECES: [&str; 14] = [
-    "", "<", ">", "\"", "-1", "nan", "1e999", "0 0 0", "<link name=\"x\"/>", "link_3", "&amp;", "\u{0}",
-    "<mimic joint=\"joint_2\"/>", "planar",
+    "",
+    "<",
+    ">",
+    "\"",
+    "-1",
+    "nan",
+    "1e999",
+    "0 0 0",
+    "<link name=\"x\"/>",
+    "link_3",
+    "&amp;",
+    "\u{0}",
+    "<mimic joint=\"joint_2\"/>",
+    "planar",
 ];
 
 proptest! {
