@@ -12,7 +12,7 @@ use std::sync::Arc;
 
 use crate::geometry::Pose;
 use crate::kinematics::Config;
-use crate::workcell::{ArmId, ObjectModel, SurfaceId, Workcell};
+use crate::workcell::{ArmId, ObjectId, ObjectModel, ObstacleId, SurfaceId, Workcell};
 
 /// Where an object is at the start.
 #[derive(Debug, Clone)]
@@ -49,6 +49,17 @@ pub enum GoalPlacement {
     Anywhere,
 }
 
+/// What an object may touch for good.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum ContactPartner {
+    /// A rigid group of an arm.
+    ArmGroup(ArmId, usize),
+    /// An obstacle.
+    Obstacle(ObstacleId),
+    /// Another object.
+    Object(ObjectId),
+}
+
 /// A validated problem.
 #[derive(Debug, Clone)]
 pub struct Problem {
@@ -66,6 +77,20 @@ pub struct Problem {
     pub goal: Vec<GoalPlacement>,
     /// Where each arm starts, by arm.
     pub initial_joints: Vec<Config>,
+    /// Pairs of which one is an object that `allowed_contacts` exempts, sorted. A pair of objects
+    /// stands once, the lower id first.
+    pub allowed_object_contacts: Vec<(ObjectId, ContactPartner)>,
     /// Options of the run.
     pub options: Options,
+}
+
+impl Problem {
+    /// Whether `allowed_contacts` lets the object touch `partner` for good.
+    pub fn may_touch(&self, object: ObjectId, partner: ContactPartner) -> bool {
+        let pair = match partner {
+            ContactPartner::Object(other) if other < object => (other, ContactPartner::Object(object)),
+            _ => (object, partner),
+        };
+        self.allowed_object_contacts.binary_search(&pair).is_ok()
+    }
 }

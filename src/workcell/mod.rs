@@ -5,11 +5,18 @@
 
 mod arm;
 mod body;
+pub mod contacts;
+mod grasps;
 mod object;
+mod resting;
+mod symmetry;
 
 pub use arm::{Arm, Tool};
 pub use body::{Obstacle, Surface};
+pub use grasps::{GraspError, GraspGenerator};
 pub use object::{Grasp, ObjectModel, Symmetry};
+pub use resting::{RestFault, centre, rests_on, surfaces_under};
+pub use symmetry::symmetry_rotations;
 
 /// Index of an arm in [`Workcell::arms`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]

@@ -9,6 +9,16 @@ pub struct Grasp {
     pub id: String,
     /// The object's frame in the TCP frame.
     pub object_in_tcp: Pose,
+    /// How wide (m) the fingers must open for it: the object's extent along the closing direction;
+    /// 0 for an explicit grasp. An arm whose tool opens less cannot use it.
+    pub opening: f64,
+}
+
+impl Grasp {
+    /// Whether a gripper that opens at most `max_opening` (m) can use it.
+    pub fn fits(&self, max_opening: f64) -> bool {
+        self.opening <= max_opening + 1.0e-9
+    }
 }
 
 /// Rotations of an object about its own frame that make no difference.
@@ -38,7 +48,8 @@ pub struct ObjectModel {
     /// The rotations of its symmetry when these are finitely many (the identity first); for
     /// [`Symmetry::CylinderZ`] and [`Symmetry::Sphere`] the identity alone.
     pub symmetry_rotations: Vec<nalgebra::UnitQuaternion<f64>>,
-    /// All grasps, generators expanded, in a fixed order.
+    /// All grasps, generators expanded for the widest gripper of the workcell, in a fixed order;
+    /// [`Grasp::fits`] says which of them an arm can use.
     pub grasps: Vec<Grasp>,
     /// Length of the straight approach before a grasp or release (m).
     pub approach: f64,

@@ -1,0 +1,15 @@
+//! The documents of FORMAT.md and their conversion to and from the domain types.
+//!
+//! The only room that gives JSON its shape; the core never does. What is read is walked value by
+//! value, so that all faults come back at once; what is written goes through serde.
+
+mod digest;
+mod fault;
+mod json;
+mod problem;
+mod reader;
+mod resources;
+
+pub use fault::{Fault, FaultCode};
+pub use problem::{ReadLimits, ReadProblem, read_problem};
+pub use resources::{Folder, LibraryOnly, ResourceError, Resources};

@@ -1,0 +1,306 @@
+//! Arms: base, tool, home, limits.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use super::context::{Context, Named};
+use super::robot::{LoadedModel, ModelCache, RobotSpec, read_joint_values, read_limits};
+use super::shape::read_shape;
+use super::statics::optional_pose;
+use crate::geometry::PlacedShape;
+use crate::kinematics::{ArmModel, Config, JointLimits};
+use crate::run::Seed;
+use crate::wire::fault::FaultCode;
+use crate::wire::reader::{Fields, Node, Range, shown};
+use crate::workcell::contacts::{self, GroupPair};
+use crate::workcell::{Arm, Tool};
+
+/// A missing acceleration limit is this many times the velocity limit, per second.
+const DEFAULT_ACCELERATION_FACTOR: f64 = 5.0;
+
+/// Reads arms that share robots.
+pub struct ArmReader<'s> {
+    robots: &'s BTreeMap<String, Option<RobotSpec>>,
+    models: ModelCache,
+    /// Exempt pairs by everything that decides them.
+    overlapping: BTreeMap<String, Vec<GroupPair>>,
+    warned: BTreeSet<String>,
+    /// Joints on the chain of some arm of each robot.
+    chains: BTreeMap<String, BTreeSet<String>>,
+}
+
+/// `workcell.arms`, one entry per element; robots have been read.
+pub fn read_arms(
+    node: Option<Node<'_>>,
+    robots: &BTreeMap<String, Option<RobotSpec>>,
+    context: &mut Context<'_>,
+) -> Vec<Option<Arm>> {
+    let Some(node) = node else { return Vec::new() };
+    let elements = context.named_elements(&node, "arms", context.limits.max_arms);
+    if node.value.as_array().is_some_and(Vec::is_empty) {
+        node.fault(&mut context.faults, FaultCode::OutOfRange, "there is no arm; give at least one");
+    }
+    let mut reader = ArmReader {
+        robots,
+        models: ModelCache::default(),
+        overlapping: BTreeMap::new(),
+        warned: BTreeSet::new(),
+        chains: BTreeMap::new(),
+    };
+    let arms: Vec<_> =
+        elements.iter().enumerate().map(|(index, node)| reader.read_arm(index, node, context)).collect();
+    reader.note_unused_limits(context);
+    arms
+}
+
+impl ArmReader<'_> {
+    fn read_arm(&mut self, index: usize, node: &Node<'_>, context: &mut Context<'_>) -> Option<Arm> {
+        let mut fields = node.fields(&mut context.faults)?;
+        let id = fields.required("id", &mut context.faults);
+        let id = context.register(id, Named::Arm(index));
+        let robot = fields.required("robot", &mut context.faults).and_then(|node| {
+            let name = node.string(&mut context.faults)?;
+            let Some(spec) = self.robots.get(name) else {
+                let message =
+                    format!("`workcell.robots` has no `{}`; add it or name another", shown(name));
+                node.fault(&mut context.faults, FaultCode::UnknownRobot, message);
+                return None;
+            };
+            spec.as_ref()
+        });
+        let base = fields
+            .required("base", &mut context.faults)
+            .and_then(|node| node.pose(&mut context.faults));
+        let home = fields.optional("home").map(|node| (read_joint_values(&node, context), node.pointer));
+        let (home, home_pointer) = home.unwrap_or_else(|| (BTreeMap::new(), node.pointer.clone()));
+        let overrides = fields.optional("limits").map(|node| read_limits(&node, context)).unwrap_or_default();
+        let tool = fields.required("tool", &mut context.faults).and_then(|node| {
+            let mut fields = node.fields(&mut context.faults)?;
+            let tool = read_tool(&mut fields, context);
+            fields.finish(&mut context.faults);
+            tool
+        });
+        fields.finish(&mut context.faults);
+        let (robot, (mount, tool)) = (robot?, tool?);
+        let loaded =
+            self.models.load(robot, mount.value.as_str().unwrap_or_default(), &mount.pointer, &home, context)?;
+        let limits = self.limits(node, robot, &loaded.model, &overrides, context)?;
+        let home = configuration(&loaded.model, &limits, None, &home, &home_pointer, false, context)?;
+        let exempt_groups = self.exempt(&loaded, &tool?, &limits, robot, context);
+        let (tool, exempt_groups) = exempt_groups;
+        Some(Arm {
+            id: id?,
+            hand_groups: contacts::hand_groups(&loaded.model),
+            model: loaded.model,
+            base: base?,
+            tool,
+            limits,
+            home,
+            exempt_groups,
+        })
+    }
+
+    fn limits(
+        &mut self,
+        node: &Node<'_>,
+        robot: &RobotSpec,
+        model: &ArmModel,
+        overrides: &BTreeMap<String, (super::robot::LimitOverride, String)>,
+        context: &mut Context<'_>,
+    ) -> Option<Vec<JointLimits>> {
+        let before = context.faults.count();
+        let names: BTreeSet<&str> = model.joints.iter().map(|joint| joint.name.as_str()).collect();
+        let chain = self.chains.entry(robot.name().to_owned()).or_default();
+        chain.extend(names.iter().map(|name| (*name).to_owned()));
+        for (joint, (_, pointer)) in overrides {
+            if !names.contains(joint.as_str()) {
+                context.faults.push(pointer.clone(), FaultCode::UnknownJoint, unknown_joint(joint, model));
+            }
+        }
+        let mut assumed = Vec::new();
+        let mut out = Vec::with_capacity(model.joints.len());
+        for joint in &model.joints {
+            let mut limits = joint.limits;
+            let mut pointer = node.pointer.as_str();
+            for (limit, place) in [robot.limits.get(&joint.name), overrides.get(&joint.name)].into_iter().flatten()
+            {
+                limit.apply(&mut limits);
+                pointer = place;
+            }
+            let name = &joint.name;
+            if limits.lower > limits.upper {
+                let message = format!(
+                    "joint `{name}`: lower limit {} above upper limit {}; swap or widen them",
+                    limits.lower, limits.upper
+                );
+                context.faults.push(pointer, FaultCode::OutOfRange, message);
+            }
+            if limits.velocity <= 0.0 {
+                let message = format!(
+                    "joint `{name}` has no velocity limit above 0; give one in the URDF or in `limits`"
+                );
+                context.faults.push(pointer, FaultCode::OutOfRange, message);
+            }
+            if limits.acceleration <= 0.0 {
+                limits.acceleration = DEFAULT_ACCELERATION_FACTOR * limits.velocity;
+                assumed.push(name.as_str());
+            }
+            out.push(limits);
+        }
+        if !assumed.is_empty() {
+            let message = format!(
+                "no acceleration limit for {}; {DEFAULT_ACCELERATION_FACTOR} times the velocity limit per \
+                 second is taken",
+                assumed.join(", ")
+            );
+            context.faults.warn(node.pointer.clone(), FaultCode::MissingField, message);
+        }
+        (context.faults.count() == before).then_some(out)
+    }
+
+    /// Notes the robots' overrides for joints that no arm of the robot has on its chain.
+    fn note_unused_limits(&self, context: &mut Context<'_>) {
+        for robot in self.robots.values().flatten() {
+            // No arm of it could be loaded: nothing is known about its joints.
+            let Some(chain) = self.chains.get(robot.name()) else { continue };
+            for (joint, (_, pointer)) in &robot.limits {
+                if !chain.contains(joint) {
+                    let message = format!(
+                        "no arm of this robot has the joint `{}` between its root and its mount link; \
+                         remove it or name another",
+                        shown(joint)
+                    );
+                    context.faults.push(pointer.clone(), FaultCode::UnknownJoint, message);
+                }
+            }
+        }
+    }
+
+    fn exempt(
+        &mut self,
+        loaded: &LoadedModel,
+        tool: &Tool,
+        limits: &[JointLimits],
+        robot: &RobotSpec,
+        context: &mut Context<'_>,
+    ) -> (Tool, Vec<GroupPair>) {
+        let model = &loaded.model;
+        let mut pairs: BTreeSet<GroupPair> = contacts::neighbours(model).into_iter().collect();
+        pairs.extend(loaded.disabled.iter().copied());
+        let key = format!(
+            "{} {} {:?} {:?}",
+            robot.name(),
+            model.mount,
+            limits,
+            tool.shapes.iter().map(shape_key).collect::<Vec<_>>()
+        ) + &format!("{:?}", model.links.iter().map(|link| link.origin.to_string()).collect::<Vec<_>>());
+        let found = match self.overlapping.get(&key) {
+            Some(found) => found.clone(),
+            None => {
+                let mut rng = Seed(0).stream("workcell/contacts");
+                let found =
+                    contacts::almost_always_overlapping(model, &tool.shapes, limits, &pairs, &mut rng);
+                self.overlapping.insert(key, found.clone());
+                found
+            }
+        };
+        for (a, b) in &found {
+            let message = format!(
+                "{} and {} overlap in more than 95 % of 1,000 random configurations and are not checked \
+                 against each other",
+                group_names(model, *a),
+                group_names(model, *b)
+            );
+            if self.warned.insert(format!("{} {message}", robot.name())) {
+                context.faults.warn(robot.pointer(), FaultCode::InitialCollision, message);
+            }
+        }
+        pairs.extend(found);
+        (tool.clone(), pairs.into_iter().collect())
+    }
+}
+
+fn shape_key(placed: &PlacedShape) -> String {
+    format!("{:?} {:?}", placed.shape, placed.pose)
+}
+
+fn group_names(model: &ArmModel, group: usize) -> String {
+    let names: Vec<&str> =
+        model.links.iter().filter(|link| link.group == group).map(|link| link.name.as_str()).collect();
+    names.join("+")
+}
+
+/// The mount link's name and the tool; the tool is `None` when its parts are at fault.
+fn read_tool<'a>(fields: &mut Fields<'a>, context: &mut Context<'_>) -> Option<(Node<'a>, Option<Tool>)> {
+    let mount = fields
+        .required("mount_link", &mut context.faults)
+        .filter(|node| node.string(&mut context.faults).is_some());
+    let tcp = optional_pose(fields, "tcp", context);
+    let before = context.faults.count();
+    let mut shapes = Vec::new();
+    if let Some(node) = fields.optional("collision") {
+        let most = context.limits.max_tool_shapes;
+        for node in node.elements(&mut context.faults, "collision shapes", most) {
+            let Some(mut fields) = node.fields(&mut context.faults) else { continue };
+            let pose = optional_pose(&mut fields, "pose", context);
+            if let (Some(node), Some(pose)) = (fields.required("shape", &mut context.faults), pose) {
+                shapes.extend(read_shape(&node, pose, context));
+            }
+            fields.finish(&mut context.faults);
+        }
+    }
+    let max_opening = match fields.optional("max_opening") {
+        Some(node) => node.number(&mut context.faults, Range::Positive(10.0)).unwrap_or(0.10),
+        None => 0.10,
+    };
+    let grasp_time = match fields.optional("grasp_time_s") {
+        Some(node) => node.number(&mut context.faults, Range::NonNegative(60.0)).unwrap_or(0.0),
+        None => 0.0,
+    };
+    let whole = context.faults.count() == before;
+    let tool = tcp.filter(|_| whole).map(|tcp| Tool { tcp, shapes, max_opening, grasp_time });
+    mount.map(|mount| (mount, tool))
+}
+
+/// The configuration that `values` means: joints that they leave out stand as in `otherwise`, or
+/// at 0. With `strict`, a joint outside the chain is a fault (in `home` the model's loading has
+/// looked at those).
+pub fn configuration(
+    model: &ArmModel,
+    limits: &[JointLimits],
+    otherwise: Option<&Config>,
+    values: &BTreeMap<String, (f64, String)>,
+    pointer: &str,
+    strict: bool,
+    context: &mut Context<'_>,
+) -> Option<Config> {
+    let before = context.faults.count();
+    if strict {
+        for (joint, (_, pointer)) in values {
+            if model.joints.iter().all(|known| known.name != *joint) {
+                context.faults.push(pointer.clone(), FaultCode::UnknownJoint, unknown_joint(joint, model));
+            }
+        }
+    }
+    let mut out = Config::new();
+    for (index, (joint, limit)) in model.joints.iter().zip(limits).enumerate() {
+        let default = otherwise.and_then(|config| config.get(index)).copied().unwrap_or(0.0);
+        let (value, place) = match values.get(&joint.name) {
+            Some((value, place)) => (*value, place.as_str()),
+            None => (default, pointer),
+        };
+        if !(limit.lower..=limit.upper).contains(&value) {
+            let message = format!(
+                "joint `{}` at {value} is outside its limits {} to {}; give a value inside",
+                joint.name, limit.lower, limit.upper
+            );
+            context.faults.push(place, FaultCode::OutOfRange, message);
+        }
+        out.push(value);
+    }
+    (context.faults.count() == before).then_some(out)
+}
+
+fn unknown_joint(joint: &str, model: &ArmModel) -> String {
+    let names: Vec<&str> = model.joints.iter().take(40).map(|joint| joint.name.as_str()).collect();
+    format!("`{}` is no joint between root and mount link; those are {}", shown(joint), names.join(", "))
+}

@@ -1,0 +1,96 @@
+//! Bodies in place, and how deep they overlap: the exact test of the start and the goal.
+
+use crate::geometry::{ExactShape, PlacedShape, Pose};
+use crate::workcell::{Arm, Obstacle};
+
+/// Contact is an overlap deeper than this (m).
+pub const CONTACT_DEPTH: f64 = 0.002;
+
+/// Shapes that move together, at a pose.
+#[derive(Debug, Clone)]
+pub struct Body {
+    /// FORMAT's name of the body.
+    pub name: String,
+    /// The rigid group, for a part of an arm.
+    pub group: usize,
+    shapes: Vec<ExactShape>,
+    pose: Pose,
+    /// Ball around the body's shapes in its frame, as centre and radius.
+    ball: (crate::geometry::Vec3, f64),
+}
+
+impl Body {
+    /// A body of `shapes` at `pose`.
+    pub fn new(name: String, group: usize, shapes: &[PlacedShape], pose: Pose) -> Self {
+        let shapes: Vec<ExactShape> = shapes.iter().map(ExactShape::new).collect();
+        let count = shapes.len().max(1) as f64;
+        let centre = shapes.iter().map(|shape| shape.centre).sum::<crate::geometry::Vec3>() / count;
+        let radius =
+            shapes.iter().map(|shape| (shape.centre - centre).norm() + shape.radius).fold(0.0, f64::max);
+        Self { name, group, shapes, pose, ball: (centre, radius) }
+    }
+
+    /// An obstacle.
+    pub fn obstacle(obstacle: &Obstacle) -> Self {
+        Self::new(obstacle.id.clone(), 0, &obstacle.shapes, obstacle.pose)
+    }
+
+    /// The same body somewhere else.
+    pub fn at(&self, pose: Pose) -> Self {
+        Self { pose, ..self.clone() }
+    }
+
+    /// How deep (m) it overlaps `other`; `None` when that is no contact.
+    pub fn contact(&self, other: &Self) -> Option<f64> {
+        let mine = self.pose.rotation * self.ball.0 + self.pose.translation.vector;
+        let theirs = other.pose.rotation * other.ball.0 + other.pose.translation.vector;
+        if (mine - theirs).norm() > self.ball.1 + other.ball.1 {
+            return None;
+        }
+        let mut least = 0.0_f64;
+        for a in &self.shapes {
+            for b in &other.shapes {
+                least = least.min(a.signed_distance(&self.pose, b, &other.pose, 0.0));
+            }
+        }
+        (least < -CONTACT_DEPTH).then_some(-least)
+    }
+}
+
+/// The links and the tool of `arm` at `q`.
+pub fn arm_bodies(arm: &Arm, q: &[f64]) -> Vec<Body> {
+    let mut poses = Vec::new();
+    arm.model.link_poses(q, &mut poses);
+    let mut bodies = Vec::new();
+    for (index, (link, pose)) in arm.model.links.iter().zip(&poses).enumerate() {
+        if !link.shapes.is_empty() {
+            let name = format!("{}/{}", arm.id, link.name);
+            bodies.push(Body::new(name, link.group, &link.shapes, arm.base * pose));
+        }
+        if index == arm.model.mount && !arm.tool.shapes.is_empty() {
+            let name = format!("{}/@tool", arm.id);
+            bodies.push(Body::new(name, link.group, &arm.tool.shapes, arm.base * pose));
+        }
+    }
+    bodies
+}
+
+/// The deepest contact among the pairs that `checks` lets through.
+pub fn deepest<'b>(
+    ones: &'b [Body],
+    others: &'b [Body],
+    mut checks: impl FnMut(&Body, &Body) -> bool,
+) -> Option<(&'b Body, &'b Body, f64)> {
+    let mut worst: Option<(&Body, &Body, f64)> = None;
+    for one in ones {
+        for other in others {
+            if checks(one, other)
+                && let Some(depth) = one.contact(other)
+                && worst.is_none_or(|(_, _, deepest)| depth > deepest)
+            {
+                worst = Some((one, other, depth));
+            }
+        }
+    }
+    worst
+}

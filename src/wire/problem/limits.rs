@@ -1,0 +1,58 @@
+//! How large a problem may be.
+
+/// Bounds on what is read; what is beyond them is `too_large`.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ReadLimits {
+    /// Length of the document (bytes).
+    pub max_bytes: usize,
+    /// Robot models.
+    pub max_robots: usize,
+    /// Arms.
+    pub max_arms: usize,
+    /// Obstacles.
+    pub max_obstacles: usize,
+    /// Surfaces.
+    pub max_surfaces: usize,
+    /// Objects.
+    pub max_objects: usize,
+    /// Grasps and generators of one object.
+    pub max_grasps: usize,
+    /// Collision shapes of one tool.
+    pub max_tool_shapes: usize,
+    /// Pairs in `allowed_contacts`.
+    pub max_allowed_contacts: usize,
+    /// Points of one convex shape, or of one mesh's hull.
+    pub max_points: usize,
+    /// Length of one URDF or SRDF (bytes).
+    pub max_urdf_bytes: usize,
+    /// Length of one mesh file (bytes).
+    pub max_mesh_bytes: usize,
+    /// Greatest `time_budget_s`.
+    pub max_time_budget_s: f64,
+    /// Greatest `threads`, at most 64.
+    pub max_threads: u64,
+    /// Faults that are listed before the rest is only counted.
+    pub max_faults: usize,
+}
+
+impl Default for ReadLimits {
+    fn default() -> Self {
+        Self {
+            max_bytes: 16 << 20,
+            max_robots: 32,
+            max_arms: 32,
+            max_obstacles: 1000,
+            max_surfaces: 200,
+            max_objects: 1000,
+            max_grasps: 500,
+            max_tool_shapes: 100,
+            max_allowed_contacts: 10_000,
+            max_points: 5000,
+            max_urdf_bytes: 4 << 20,
+            max_mesh_bytes: 32 << 20,
+            max_time_budget_s: 3600.0,
+            max_threads: 64,
+            max_faults: 1000,
+        }
+    }
+}

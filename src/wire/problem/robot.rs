@@ -1,0 +1,462 @@
+//! Robots: their URDF and SRDF text, and the arm models that are loaded from them.
+
+use std::cell::RefCell;
+use std::collections::{BTreeMap, BTreeSet};
+use std::sync::Arc;
+
+use super::context::Context;
+use crate::kinematics::{
+    ArmModel, JointLimits, MeshError, MeshResolver, SrdfError, UrdfError, UrdfWarning, XmlError,
+    disabled_group_pairs, library, library_names,
+};
+use crate::wire::digest::sha256;
+use crate::wire::fault::FaultCode;
+use crate::wire::reader::{Fields, Node, Range, shown};
+use crate::wire::resources::{Resources, folder_of, normalise, resolve_uri};
+use crate::workcell::contacts::GroupPair;
+
+/// Greatest magnitude of a joint value, velocity or acceleration in an override.
+const MAX_JOINT_FIGURE: f64 = 1.0e4;
+
+/// Most unknown joints of one arm that are told apart.
+const MAX_UNKNOWN_JOINTS: usize = 16;
+
+/// What an override says of one joint.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct LimitOverride {
+    lower: Option<f64>,
+    upper: Option<f64>,
+    velocity: Option<f64>,
+    acceleration: Option<f64>,
+}
+
+impl LimitOverride {
+    /// Replaces what it says.
+    pub fn apply(&self, limits: &mut JointLimits) {
+        limits.lower = self.lower.unwrap_or(limits.lower);
+        limits.upper = self.upper.unwrap_or(limits.upper);
+        limits.velocity = self.velocity.unwrap_or(limits.velocity);
+        limits.acceleration = self.acceleration.unwrap_or(limits.acceleration);
+    }
+}
+
+/// A text and the JSON pointer of the field that it came from.
+#[derive(Debug, Clone)]
+struct Source {
+    text: String,
+    pointer: String,
+}
+
+/// One entry of `workcell.robots`.
+#[derive(Debug, Clone)]
+pub struct RobotSpec {
+    name: String,
+    urdf: Source,
+    srdf: Option<Source>,
+    /// Folder of the URDF, relative to the document; empty for inline text.
+    folder: String,
+    packages: Vec<(String, String)>,
+    /// Overrides, by joint, with their pointers.
+    pub limits: BTreeMap<String, (LimitOverride, String)>,
+}
+
+impl RobotSpec {
+    /// Tells it from the other robots of the document.
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+
+    /// JSON pointer to its URDF.
+    pub fn pointer(&self) -> String {
+        self.urdf.pointer.clone()
+    }
+}
+
+/// An arm model and what its SRDF exempts.
+#[derive(Debug, Clone)]
+pub struct LoadedModel {
+    /// The model.
+    pub model: Arc<ArmModel>,
+    /// Pairs of rigid groups that the SRDF disables.
+    pub disabled: Vec<GroupPair>,
+}
+
+/// `workcell.robots`; `None` for an entry that cannot be used.
+pub fn read_robots(
+    node: Option<Node<'_>>,
+    context: &mut Context<'_>,
+) -> BTreeMap<String, Option<RobotSpec>> {
+    let Some(node) = node else { return BTreeMap::new() };
+    let entries = node.entries(&mut context.faults);
+    if entries.len() > context.limits.max_robots {
+        let message = format!("{} robots, at most {} are taken", entries.len(), context.limits.max_robots);
+        node.fault(&mut context.faults, FaultCode::TooLarge, message);
+    }
+    let most = context.limits.max_robots;
+    entries
+        .into_iter()
+        .enumerate()
+        .map(|(index, (name, node))| {
+            let spec = if index < most { read_robot(name, &node, context) } else { None };
+            (name.to_owned(), spec)
+        })
+        .collect()
+}
+
+fn read_robot(name: &str, node: &Node<'_>, context: &mut Context<'_>) -> Option<RobotSpec> {
+    let mut fields = node.fields(&mut context.faults)?;
+    let packages = read_packages(&mut fields, context);
+    let limits = fields.optional("limits").map(|node| read_limits(&node, context)).unwrap_or_default();
+    let reference = fields.optional("urdf");
+    let inline = fields.optional("urdf_xml");
+    let srdf = read_srdf(&mut fields, context);
+    fields.finish(&mut context.faults);
+    let mut folder = String::new();
+    let mut shipped_srdf = None;
+    let urdf = match (reference, inline) {
+        (Some(_), Some(inline)) => {
+            let message = "`urdf` and `urdf_xml` exclude each other; give one of them";
+            inline.fault(&mut context.faults, FaultCode::OutOfRange, message);
+            None
+        }
+        (None, None) => {
+            let message = "`urdf` is missing; add it, or `urdf_xml`";
+            node.fault(&mut context.faults, FaultCode::MissingField, message);
+            None
+        }
+        (None, Some(inline)) => read_inline(&inline, context),
+        (Some(reference), None) => {
+            let text = reference.string(&mut context.faults)?;
+            if let Some(wanted) = text.strip_prefix("library:") {
+                let Some(robot) = library(wanted) else {
+                    let names: Vec<_> = library_names().collect();
+                    let message =
+                        format!("the library has no robot `{}`; it has {}", shown(wanted), names.join(", "));
+                    reference.fault(&mut context.faults, FaultCode::UnresolvedUri, message);
+                    return None;
+                };
+                let content = [robot.urdf.as_bytes(), robot.srdf.as_bytes()].concat();
+                context.contents.insert(reference.pointer.clone(), sha256(&content));
+                shipped_srdf =
+                    Some(Source { text: robot.srdf.to_owned(), pointer: reference.pointer.clone() });
+                Some(Source { text: robot.urdf.to_owned(), pointer: reference.pointer })
+            } else {
+                folder = normalise(text).map(|path| folder_of(&path).to_owned()).unwrap_or_default();
+                read_text_file(&reference, context, FaultCode::BadUrdf)
+            }
+        }
+    };
+    let srdf = match srdf {
+        Ok(srdf) => srdf.or(shipped_srdf),
+        Err(()) => None,
+    };
+    Some(RobotSpec { name: name.to_owned(), urdf: urdf?, srdf, folder, packages, limits })
+}
+
+fn read_inline(node: &Node<'_>, context: &mut Context<'_>) -> Option<Source> {
+    let text = node.string(&mut context.faults)?;
+    if text.len() > context.limits.max_urdf_bytes {
+        let message = format!("{} bytes, at most {} are taken", text.len(), context.limits.max_urdf_bytes);
+        node.fault(&mut context.faults, FaultCode::TooLarge, message);
+        return None;
+    }
+    Some(Source { text: text.to_owned(), pointer: node.pointer.clone() })
+}
+
+fn read_text_file(node: &Node<'_>, context: &mut Context<'_>, code: FaultCode) -> Option<Source> {
+    let path = node.string(&mut context.faults)?;
+    let bytes = context.read_file(node, resolve_uri(path, "", &[]), context.limits.max_urdf_bytes)?;
+    match String::from_utf8(bytes) {
+        Ok(text) => Some(Source { text, pointer: node.pointer.clone() }),
+        Err(_) => {
+            node.fault(&mut context.faults, code, "the file is not UTF-8 text");
+            None
+        }
+    }
+}
+
+/// `srdf` or `srdf_xml`: `Ok(None)` when there is neither, `Err` when what is there is no good.
+fn read_srdf(fields: &mut Fields<'_>, context: &mut Context<'_>) -> Result<Option<Source>, ()> {
+    match (fields.optional("srdf"), fields.optional("srdf_xml")) {
+        (None, None) => Ok(None),
+        (Some(_), Some(inline)) => {
+            let message = "`srdf` and `srdf_xml` exclude each other; give one of them";
+            inline.fault(&mut context.faults, FaultCode::OutOfRange, message);
+            Err(())
+        }
+        (Some(node), None) => read_text_file(&node, context, FaultCode::BadSrdf).map(Some).ok_or(()),
+        (None, Some(node)) => read_inline(&node, context).map(Some).ok_or(()),
+    }
+}
+
+fn read_packages(fields: &mut Fields<'_>, context: &mut Context<'_>) -> Vec<(String, String)> {
+    let Some(node) = fields.optional("package_map") else { return Vec::new() };
+    let mut packages = Vec::new();
+    for (name, node) in node.entries(&mut context.faults) {
+        if let Some(folder) = node.string(&mut context.faults) {
+            if !matches!(folder, "" | ".") && normalise(folder).is_err() {
+                let message = "a package's folder is relative, inside the problem's folder, without `..`";
+                node.fault(&mut context.faults, FaultCode::UnresolvedUri, message);
+            } else {
+                packages.push((name.to_owned(), folder.to_owned()));
+            }
+        }
+    }
+    packages
+}
+
+/// Overrides of limits, by joint, with their pointers.
+pub fn read_limits(
+    node: &Node<'_>,
+    context: &mut Context<'_>,
+) -> BTreeMap<String, (LimitOverride, String)> {
+    let faults = &mut context.faults;
+    let mut out = BTreeMap::new();
+    for (joint, node) in node.entries(faults) {
+        let Some(mut fields) = node.fields(faults) else { continue };
+        let mut figure = |key, range| fields.optional(key).and_then(|node| node.number(faults, range));
+        let limits = LimitOverride {
+            lower: figure("lower", Range::Within(MAX_JOINT_FIGURE)),
+            upper: figure("upper", Range::Within(MAX_JOINT_FIGURE)),
+            velocity: figure("velocity", Range::Positive(MAX_JOINT_FIGURE)),
+            acceleration: figure("acceleration", Range::Positive(MAX_JOINT_FIGURE * 100.0)),
+        };
+        fields.finish(faults);
+        out.insert(joint.to_owned(), (limits, node.pointer));
+    }
+    out
+}
+
+/// Joint values by name, as they stand in `home` or `initial_joints`, with their pointers.
+pub fn read_joint_values(node: &Node<'_>, context: &mut Context<'_>) -> BTreeMap<String, (f64, String)> {
+    let entries = node.entries(&mut context.faults);
+    let mut out = BTreeMap::new();
+    for (joint, node) in entries {
+        if let Some(value) = node.number(&mut context.faults, Range::Within(MAX_JOINT_FIGURE)) {
+            out.insert(joint.to_owned(), (value, node.pointer));
+        }
+    }
+    out
+}
+
+/// Loads arm models, each once: arms of one robot, mount link and held joints share one.
+#[derive(Debug, Default)]
+pub struct ModelCache {
+    loaded: BTreeMap<(String, String, Vec<(String, u64)>), Option<LoadedModel>>,
+    noted: BTreeSet<(String, String)>,
+}
+
+impl ModelCache {
+    /// The model of `spec` with the tool on `mount` (which stands at `mount_pointer`), joints
+    /// outside the chain standing where `home` puts them.
+    pub fn load(
+        &mut self,
+        spec: &RobotSpec,
+        mount: &str,
+        mount_pointer: &str,
+        home: &BTreeMap<String, (f64, String)>,
+        context: &mut Context<'_>,
+    ) -> Option<LoadedModel> {
+        let plain = self.load_held(spec, mount, mount_pointer, &BTreeMap::new(), home, context)?;
+        let on_chain: BTreeSet<&str> = plain.model.joints.iter().map(|joint| joint.name.as_str()).collect();
+        let held: BTreeMap<String, f64> = home
+            .iter()
+            .filter(|(joint, _)| !on_chain.contains(joint.as_str()))
+            .map(|(joint, (value, _))| (joint.clone(), *value))
+            .collect();
+        if held.is_empty() {
+            return Some(plain);
+        }
+        self.load_held(spec, mount, mount_pointer, &held, home, context)
+    }
+
+    fn load_held(
+        &mut self,
+        spec: &RobotSpec,
+        mount: &str,
+        mount_pointer: &str,
+        held: &BTreeMap<String, f64>,
+        home: &BTreeMap<String, (f64, String)>,
+        context: &mut Context<'_>,
+    ) -> Option<LoadedModel> {
+        let bits = held.iter().map(|(joint, value)| (joint.clone(), value.to_bits())).collect();
+        let key = (spec.name.clone(), mount.to_owned(), bits);
+        if let Some(loaded) = self.loaded.get(&key) {
+            if loaded.is_none() && held.is_empty() {
+                // The mount link's faults belong to each arm that names it.
+                self.note_again(spec, mount, mount_pointer, context);
+            }
+            return loaded.clone();
+        }
+        let loaded = self.load_fresh(spec, mount, mount_pointer, held, home, context);
+        self.loaded.insert(key, loaded.clone());
+        loaded
+    }
+
+    fn note_again(&mut self, spec: &RobotSpec, mount: &str, mount_pointer: &str, context: &mut Context<'_>) {
+        let meshes = UrdfMeshes::new(context.resources, spec, context.limits.max_mesh_bytes);
+        let result = ArmModel::from_urdf(&spec.name, &spec.urdf.text, mount, &BTreeMap::new(), &meshes);
+        if let Err(error) = result {
+            self.note(&error, spec, mount_pointer, &BTreeMap::new(), context);
+        }
+    }
+
+    fn load_fresh(
+        &mut self,
+        spec: &RobotSpec,
+        mount: &str,
+        mount_pointer: &str,
+        held: &BTreeMap<String, f64>,
+        home: &BTreeMap<String, (f64, String)>,
+        context: &mut Context<'_>,
+    ) -> Option<LoadedModel> {
+        let meshes = UrdfMeshes::new(context.resources, spec, context.limits.max_mesh_bytes);
+        let mut held = held.clone();
+        let mut usable = true;
+        let mut left = MAX_UNKNOWN_JOINTS;
+        let (model, warnings) = loop {
+            match ArmModel::from_urdf(&spec.name, &spec.urdf.text, mount, &held, &meshes) {
+                Ok(loaded) => break loaded,
+                Err(error) => {
+                    self.note(&error, spec, mount_pointer, home, context);
+                    usable = false;
+                    // Go on without the joint at fault, so that all of them are noted.
+                    let joint = faulty_joint(&error)?.to_owned();
+                    left -= 1;
+                    if left == 0 || held.remove(&joint).is_none() {
+                        return None;
+                    }
+                }
+            }
+        };
+        if !usable {
+            return None;
+        }
+        for warning in warnings {
+            let code = match warning {
+                UrdfWarning::MeshAsHull { .. } => FaultCode::BadMesh,
+                _ => FaultCode::BadUrdf,
+            };
+            if self.noted.insert((spec.urdf.pointer.clone(), warning.to_string())) {
+                context.faults.warn(spec.urdf.pointer.clone(), code, warning.to_string());
+            }
+        }
+        if let Some(digest) = meshes.digest(&spec.urdf.text) {
+            context.contents.insert(spec.urdf.pointer.clone(), digest);
+        }
+        let disabled = match &spec.srdf {
+            None => Vec::new(),
+            Some(srdf) => match disabled_group_pairs(&srdf.text, &model) {
+                Ok(pairs) => pairs,
+                Err(error) => {
+                    let code = match &error {
+                        SrdfError::UnknownLinks { .. } => FaultCode::UnknownLink,
+                        SrdfError::Xml(XmlError::TooLarge { .. }) => FaultCode::TooLarge,
+                        _ => FaultCode::BadSrdf,
+                    };
+                    self.note_once(&srdf.pointer, code, &error.to_string(), context);
+                    return None;
+                }
+            },
+        };
+        Some(LoadedModel { model: Arc::new(model), disabled })
+    }
+
+    /// Notes a fault of a robot once, however many arms it has.
+    fn note_once(&mut self, pointer: &str, code: FaultCode, message: &str, context: &mut Context<'_>) {
+        if self.noted.insert((pointer.to_owned(), message.to_owned())) {
+            context.faults.push(pointer, code, message);
+        }
+    }
+
+    fn note(
+        &mut self,
+        error: &UrdfError,
+        spec: &RobotSpec,
+        mount_pointer: &str,
+        home: &BTreeMap<String, (f64, String)>,
+        context: &mut Context<'_>,
+    ) {
+        let message = error.to_string();
+        if let Some((_, pointer)) = faulty_joint(error).and_then(|joint| home.get(joint)) {
+            let code = match error {
+                UrdfError::BadHeldValue { .. } => FaultCode::OutOfRange,
+                _ => FaultCode::UnknownJoint,
+            };
+            context.faults.push(pointer.clone(), code, message);
+            return;
+        }
+        match error {
+            UrdfError::NoSuchMountLink { .. } => {
+                context.faults.push(mount_pointer, FaultCode::UnknownLink, message);
+            }
+            UrdfError::NoMovableJoint { .. } => {
+                context.faults.push(mount_pointer, FaultCode::BadUrdf, message);
+            }
+            UrdfError::Mesh { error, .. } => {
+                let code = match error {
+                    MeshError::Unresolved => FaultCode::UnresolvedUri,
+                    MeshError::TooLarge => FaultCode::TooLarge,
+                    _ => FaultCode::BadMesh,
+                };
+                self.note_once(&spec.urdf.pointer, code, &message, context);
+            }
+            UrdfError::Xml(XmlError::TooLarge { .. }) => {
+                self.note_once(&spec.urdf.pointer, FaultCode::TooLarge, &message, context);
+            }
+            _ => self.note_once(&spec.urdf.pointer, FaultCode::BadUrdf, &message, context),
+        }
+    }
+}
+
+/// The joint whose value in `home` is at fault.
+fn faulty_joint(error: &UrdfError) -> Option<&str> {
+    match error {
+        UrdfError::UnknownHeldJoint { name, .. }
+        | UrdfError::NotHoldable { name, .. }
+        | UrdfError::BadHeldValue { name, .. } => Some(name),
+        _ => None,
+    }
+}
+
+/// Resolves a URDF's mesh URIs within the document's resources, and remembers what they held.
+struct UrdfMeshes<'a> {
+    resources: &'a dyn Resources,
+    spec: &'a RobotSpec,
+    max_bytes: usize,
+    digests: RefCell<BTreeMap<String, String>>,
+}
+
+impl<'a> UrdfMeshes<'a> {
+    fn new(resources: &'a dyn Resources, spec: &'a RobotSpec, max_bytes: usize) -> Self {
+        Self { resources, spec, max_bytes, digests: RefCell::default() }
+    }
+
+    /// Digest of the URDF and all meshes that it refers to; `None` without meshes.
+    fn digest(&self, urdf: &str) -> Option<String> {
+        let digests = self.digests.borrow();
+        if digests.is_empty() {
+            return None;
+        }
+        let mut text = sha256(urdf.as_bytes());
+        for (uri, digest) in digests.iter() {
+            text.push_str(&format!("\n{uri} {digest}"));
+        }
+        Some(sha256(text.as_bytes()))
+    }
+}
+
+impl MeshResolver for UrdfMeshes<'_> {
+    fn resolve(&self, uri: &str) -> Result<Vec<u8>, MeshError> {
+        use crate::wire::resources::ResourceError;
+        let path = resolve_uri(uri, &self.spec.folder, &self.spec.packages);
+        let bytes = path.and_then(|path| self.resources.read(&path, self.max_bytes)).map_err(|error| {
+            match error {
+                ResourceError::TooLarge(_) => MeshError::TooLarge,
+                _ => MeshError::Unresolved,
+            }
+        })?;
+        self.digests.borrow_mut().insert(uri.to_owned(), sha256(&bytes));
+        Ok(bytes)
+    }
+}

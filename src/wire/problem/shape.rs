@@ -1,0 +1,103 @@
+//! Shapes.
+
+use super::context::Context;
+use crate::geometry::{PlacedShape, Pose, Shape, Vec3};
+use crate::kinematics::mesh_points;
+use crate::wire::fault::FaultCode;
+use crate::wire::reader::{Fields, Node, Range};
+use crate::wire::resources::resolve_uri;
+
+/// Greatest extent of a shape (m).
+const MAX_EXTENT: f64 = 1000.0;
+
+/// A shape in the frame of what it belongs to, at `pose` there.
+pub fn read_shape(node: &Node<'_>, pose: Pose, context: &mut Context<'_>) -> Option<PlacedShape> {
+    let mut fields = node.fields(&mut context.faults)?;
+    let kind = fields.required("type", &mut context.faults)?;
+    let name = kind.string(&mut context.faults)?;
+    let size = Range::Positive(MAX_EXTENT);
+    let shape = match name {
+        "box" => required(&mut fields, "size", context)
+            .and_then(|node| node.vector(&mut context.faults, size))
+            .map(|size| Shape::Box { half_extents: size / 2.0 }),
+        "sphere" => number(&mut fields, "radius", size, context).map(|radius| Shape::Sphere { radius }),
+        "cylinder" => {
+            let radius = number(&mut fields, "radius", size, context);
+            let length = number(&mut fields, "length", size, context);
+            radius.zip(length).map(|(radius, length)| Shape::Cylinder { radius, half_length: length / 2.0 })
+        }
+        "capsule" => {
+            let radius = number(&mut fields, "radius", size, context);
+            let length = number(&mut fields, "length", Range::NonNegative(MAX_EXTENT), context);
+            radius.zip(length).map(|(radius, length)| Shape::Capsule { radius, half_length: length / 2.0 })
+        }
+        "convex" => convex(&mut fields, context),
+        "mesh" => mesh(&mut fields, context),
+        _ => {
+            let choices = ["box", "sphere", "cylinder", "capsule", "convex", "mesh"].map(|name| (name, ()));
+            kind.choice(&mut context.faults, &choices);
+            return None;
+        }
+    };
+    fields.finish(&mut context.faults);
+    shape.map(|shape| PlacedShape { shape, pose })
+}
+
+fn required<'a>(fields: &mut Fields<'a>, key: &'static str, context: &mut Context<'_>) -> Option<Node<'a>> {
+    fields.required(key, &mut context.faults)
+}
+
+fn number(fields: &mut Fields<'_>, key: &'static str, range: Range, context: &mut Context<'_>) -> Option<f64> {
+    required(fields, key, context).and_then(|node| node.number(&mut context.faults, range))
+}
+
+fn convex(fields: &mut Fields<'_>, context: &mut Context<'_>) -> Option<Shape> {
+    let node = required(fields, "points", context)?;
+    let before = context.faults.count();
+    let elements = node.elements(&mut context.faults, "points", context.limits.max_points);
+    let points: Vec<Vec3> = elements
+        .iter()
+        .filter_map(|node| node.vector(&mut context.faults, Range::Within(MAX_EXTENT)))
+        .collect();
+    if context.faults.count() > before {
+        return None;
+    }
+    context.hull(&node, &points, FaultCode::OutOfRange).map(Shape::Convex)
+}
+
+fn mesh(fields: &mut Fields<'_>, context: &mut Context<'_>) -> Option<Shape> {
+    let node = required(fields, "uri", context)?;
+    let scale = match fields.optional("scale") {
+        Some(node) => {
+            let scale = node.vector(&mut context.faults, Range::Within(MAX_EXTENT))?;
+            if scale.iter().any(|factor| *factor == 0.0) {
+                node.fault(&mut context.faults, FaultCode::OutOfRange, "a scale of 0 flattens the mesh");
+                return None;
+            }
+            scale
+        }
+        None => Vec3::repeat(1.0),
+    };
+    let uri = node.string(&mut context.faults)?;
+    let bytes = context.read_file(&node, resolve_uri(uri, "", &[]), context.limits.max_mesh_bytes)?;
+    let points = match mesh_points(uri, &bytes, &scale) {
+        Ok(points) => points,
+        Err(error) => {
+            node.fault(&mut context.faults, FaultCode::BadMesh, error.to_string());
+            return None;
+        }
+    };
+    let hull = context.hull(&node, &points, FaultCode::BadMesh)?;
+    if hull.vertices().len() > context.limits.max_points {
+        let message = format!(
+            "the mesh's hull has {} corners, at most {} are taken; simplify the mesh",
+            hull.vertices().len(),
+            context.limits.max_points
+        );
+        node.fault(&mut context.faults, FaultCode::TooLarge, message);
+        return None;
+    }
+    let message = "the mesh has no decomposition and counts as its convex hull";
+    context.faults.warn(node.pointer, FaultCode::BadMesh, message);
+    Some(Shape::Convex(hull))
+}

@@ -1,0 +1,204 @@
+//! Obstacles, surfaces and allowed contacts.
+
+use std::collections::BTreeSet;
+
+use super::context::{Context, Named};
+use super::shape::read_shape;
+use crate::geometry::Pose;
+use crate::problem::ContactPartner;
+use crate::wire::fault::FaultCode;
+use crate::wire::reader::{Fields, Node, Range};
+use crate::workcell::contacts::group_pair;
+use crate::workcell::{Arm, ArmId, ObjectId, Obstacle, ObstacleId, Surface};
+
+/// A pose that may be left out.
+pub fn optional_pose(fields: &mut Fields<'_>, key: &'static str, context: &mut Context<'_>) -> Option<Pose> {
+    match fields.optional(key) {
+        Some(node) => node.pose(&mut context.faults),
+        None => Some(Pose::identity()),
+    }
+}
+
+/// `workcell.obstacles`, one entry per element.
+pub fn read_obstacles(node: Option<Node<'_>>, context: &mut Context<'_>) -> Vec<Option<Obstacle>> {
+    let Some(node) = node else { return Vec::new() };
+    let elements = context.named_elements(&node, "obstacles", context.limits.max_obstacles);
+    elements.iter().enumerate().map(|(index, node)| read_obstacle(index, node, context)).collect()
+}
+
+fn read_obstacle(index: usize, node: &Node<'_>, context: &mut Context<'_>) -> Option<Obstacle> {
+    let mut fields = node.fields(&mut context.faults)?;
+    let id = fields.required("id", &mut context.faults);
+    let id = context.register(id, Named::Obstacle(index));
+    let shape = fields
+        .required("shape", &mut context.faults)
+        .and_then(|node| read_shape(&node, Pose::identity(), context));
+    let pose = optional_pose(&mut fields, "pose", context);
+    fields.finish(&mut context.faults);
+    Some(Obstacle { id: id?, shapes: vec![shape?], pose: pose? })
+}
+
+/// `workcell.surfaces`, one entry per element; obstacles have been read.
+pub fn read_surfaces(node: Option<Node<'_>>, context: &mut Context<'_>) -> Vec<Option<Surface>> {
+    let Some(node) = node else { return Vec::new() };
+    let elements = context.named_elements(&node, "surfaces", context.limits.max_surfaces);
+    elements.iter().enumerate().map(|(index, node)| read_surface(index, node, context)).collect()
+}
+
+fn read_surface(index: usize, node: &Node<'_>, context: &mut Context<'_>) -> Option<Surface> {
+    let mut fields = node.fields(&mut context.faults)?;
+    let id = fields.required("id", &mut context.faults);
+    let id = context.register(id, Named::Surface(index));
+    let carrier = match fields.optional("on") {
+        Some(node) => node.string(&mut context.faults).and_then(|text| match context.named(text) {
+            Some(Named::Obstacle(index)) => Some(Some(ObstacleId(index))),
+            _ => {
+                context.unknown(&node.pointer, text, "obstacle", FaultCode::UnknownBody);
+                None
+            }
+        }),
+        None => Some(None),
+    };
+    let pose = optional_pose(&mut fields, "pose", context);
+    let half_extents = fields.required("size", &mut context.faults).and_then(|node| {
+        let mut size = node.fields(&mut context.faults)?;
+        let mut half = |key| {
+            let node = size.required(key, &mut context.faults)?;
+            Some(node.number(&mut context.faults, Range::Positive(1000.0))? / 2.0)
+        };
+        let (x, y) = (half("x"), half("y"));
+        size.finish(&mut context.faults);
+        Some([x?, y?])
+    });
+    let capacity = match fields.nullable("capacity") {
+        Some(node) => node.whole(&mut context.faults, 0, 1_000_000).map(|value| Some(value as usize)),
+        None => Some(None),
+    };
+    fields.finish(&mut context.faults);
+    Some(Surface { id: id?, carrier: carrier?, pose: pose?, half_extents: half_extents?, capacity: capacity? })
+}
+
+/// What `allowed_contacts` exempts.
+#[derive(Debug, Default)]
+pub struct AllowedContacts {
+    /// Rigid groups of one arm against each other.
+    pub within_arm: BTreeSet<(usize, (usize, usize))>,
+    /// Rigid groups of arms against obstacles.
+    pub arm_obstacle: BTreeSet<(ArmId, usize, ObstacleId)>,
+    /// Rigid groups of two arms against each other, the lower arm first.
+    pub arm_arm: BTreeSet<((ArmId, usize), (ArmId, usize))>,
+    /// Objects against anything.
+    pub object: BTreeSet<(ObjectId, ContactPartner)>,
+}
+
+/// A resolved body name.
+enum Body {
+    Groups(usize, Vec<usize>),
+    Obstacle(usize),
+    Object(usize),
+}
+
+/// `workcell.allowed_contacts`; everything that has a name has been read.
+pub fn read_allowed_contacts(
+    node: Option<Node<'_>>,
+    arms: &[Option<Arm>],
+    context: &mut Context<'_>,
+) -> AllowedContacts {
+    let mut allowed = AllowedContacts::default();
+    let Some(node) = node else { return allowed };
+    let elements =
+        node.elements(&mut context.faults, "allowed contacts", context.limits.max_allowed_contacts);
+    for pair in elements {
+        let bodies = pair.elements(&mut context.faults, "bodies in a pair", 2);
+        let [a, b] = &bodies[..] else {
+            if pair.value.as_array().is_some_and(|list| list.len() < 2) {
+                pair.fault(&mut context.faults, FaultCode::WrongType, "give two body names");
+            }
+            continue;
+        };
+        let (a, b) = (read_body(a, arms, context), read_body(b, arms, context));
+        if let (Some(a), Some(b)) = (a, b) {
+            allow(&mut allowed, &a, &b);
+        }
+    }
+    allowed
+}
+
+fn allow(allowed: &mut AllowedContacts, a: &Body, b: &Body) {
+    match (a, b) {
+        (Body::Groups(arm_a, groups_a), Body::Groups(arm_b, groups_b)) => {
+            for &group_a in groups_a {
+                for &group_b in groups_b {
+                    if arm_a == arm_b {
+                        allowed.within_arm.insert((*arm_a, group_pair(group_a, group_b)));
+                    } else {
+                        let (one, other) = ((ArmId(*arm_a), group_a), (ArmId(*arm_b), group_b));
+                        allowed.arm_arm.insert((one.min(other), one.max(other)));
+                    }
+                }
+            }
+        }
+        (Body::Groups(arm, groups), Body::Obstacle(obstacle))
+        | (Body::Obstacle(obstacle), Body::Groups(arm, groups)) => {
+            for &group in groups {
+                allowed.arm_obstacle.insert((ArmId(*arm), group, ObstacleId(*obstacle)));
+            }
+        }
+        (Body::Groups(arm, groups), Body::Object(object))
+        | (Body::Object(object), Body::Groups(arm, groups)) => {
+            for &group in groups {
+                allowed.object.insert((ObjectId(*object), ContactPartner::ArmGroup(ArmId(*arm), group)));
+            }
+        }
+        (Body::Object(object), Body::Obstacle(obstacle))
+        | (Body::Obstacle(obstacle), Body::Object(object)) => {
+            allowed.object.insert((ObjectId(*object), ContactPartner::Obstacle(ObstacleId(*obstacle))));
+        }
+        (Body::Object(one), Body::Object(other)) => {
+            let partner = ContactPartner::Object(ObjectId(*one.max(other)));
+            allowed.object.insert((ObjectId(*one.min(other)), partner));
+        }
+        // Obstacles do not move: they are never checked against each other.
+        (Body::Obstacle(_), Body::Obstacle(_)) => {}
+    }
+}
+
+/// `ARM`, `ARM/LINK`, `ARM/@tool`, an obstacle's or an object's id.
+fn read_body(node: &Node<'_>, arms: &[Option<Arm>], context: &mut Context<'_>) -> Option<Body> {
+    let text = node.string(&mut context.faults)?;
+    let (id, link) = match text.split_once('/') {
+        Some((id, link)) => (id, Some(link)),
+        None => (text, None),
+    };
+    match (context.named(id), link) {
+        (Some(Named::Obstacle(index)), None) => Some(Body::Obstacle(index)),
+        (Some(Named::Object(index)), None) => Some(Body::Object(index)),
+        (Some(Named::Arm(index)), link) => {
+            // An arm that could not be read has its faults already.
+            let arm = arms.get(index)?.as_ref()?;
+            let groups = match link {
+                None => {
+                    let groups: BTreeSet<usize> = arm.model.links.iter().map(|link| link.group).collect();
+                    groups.into_iter().collect()
+                }
+                Some("@tool") => vec![arm.mount_group()],
+                Some(link) => match arm.model.links.iter().find(|candidate| candidate.name == link) {
+                    Some(link) => vec![link.group],
+                    None => {
+                        let links: Vec<&str> =
+                            arm.model.links.iter().take(40).map(|link| link.name.as_str()).collect();
+                        let message =
+                            format!("arm `{id}` has no such link; it has @tool, {}", links.join(", "));
+                        node.fault(&mut context.faults, FaultCode::UnknownBody, message);
+                        return None;
+                    }
+                },
+            };
+            Some(Body::Groups(index, groups))
+        }
+        _ => {
+            context.unknown(&node.pointer, text, "body", FaultCode::UnknownBody);
+            None
+        }
+    }
+}
