@@ -21,4 +21,5 @@ pub mod planner;
 pub mod problem;
 pub mod run;
 pub mod trajectory;
+pub mod wire;
 pub mod workcell;

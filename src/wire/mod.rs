@@ -11,5 +11,5 @@ mod reader;
 mod resources;
 
 pub use fault::{Fault, FaultCode};
-pub use problem::{ReadLimits, ReadProblem, read_problem};
+pub use problem::{ReadLimits, ReadProblem, read_problem, read_problem_value};
 pub use resources::{Folder, LibraryOnly, ResourceError, Resources};

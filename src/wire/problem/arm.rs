@@ -85,8 +85,8 @@ impl ArmReader<'_> {
             self.models.load(robot, mount.value.as_str().unwrap_or_default(), &mount.pointer, &home, context)?;
         let limits = self.limits(node, robot, &loaded.model, &overrides, context)?;
         let home = configuration(&loaded.model, &limits, None, &home, &home_pointer, false, context)?;
-        let exempt_groups = self.exempt(&loaded, &tool?, &limits, robot, context);
-        let (tool, exempt_groups) = exempt_groups;
+        let tool = tool?;
+        let exempt_groups = self.exempt(&loaded, &tool, &limits, robot, context);
         Some(Arm {
             id: id?,
             hand_groups: contacts::hand_groups(&loaded.model),
@@ -182,7 +182,7 @@ impl ArmReader<'_> {
         limits: &[JointLimits],
         robot: &RobotSpec,
         context: &mut Context<'_>,
-    ) -> (Tool, Vec<GroupPair>) {
+    ) -> Vec<GroupPair> {
         let model = &loaded.model;
         let mut pairs: BTreeSet<GroupPair> = contacts::neighbours(model).into_iter().collect();
         pairs.extend(loaded.disabled.iter().copied());
@@ -215,7 +215,7 @@ impl ArmReader<'_> {
             }
         }
         pairs.extend(found);
-        (tool.clone(), pairs.into_iter().collect())
+        pairs.into_iter().collect()
     }
 }
 

@@ -281,12 +281,12 @@ impl ModelCache {
     ) -> Option<LoadedModel> {
         let bits = held.iter().map(|(joint, value)| (joint.clone(), value.to_bits())).collect();
         let key = (spec.name.clone(), mount.to_owned(), bits);
-        if let Some(loaded) = self.loaded.get(&key) {
+        if let Some(loaded) = self.loaded.get(&key).cloned() {
             if loaded.is_none() && held.is_empty() {
                 // The mount link's faults belong to each arm that names it.
                 self.note_again(spec, mount, mount_pointer, context);
             }
-            return loaded.clone();
+            return loaded;
         }
         let loaded = self.load_fresh(spec, mount, mount_pointer, held, home, context);
         self.loaded.insert(key, loaded.clone());
