@@ -152,7 +152,8 @@ mod tests {
 
     #[test]
     fn refuses_broken_text() {
-        for text in ["", "  \n", "{", "{\"a\": 1", "[1,]", "nul", "{\"a\": NaN}", "{} {}", "\u{feff}{}", "{'a': 1}"]
+        for text in
+            ["", "  \n", "{", "{\"a\": 1", "[1,]", "nul", "{\"a\": NaN}", "{} {}", "\u{feff}{}", "{'a': 1}"]
         {
             assert_eq!(code(text).1, FaultCode::InvalidJson, "{text:?}");
         }

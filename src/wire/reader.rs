@@ -157,7 +157,11 @@ impl<'a> Node<'a> {
             Range::Within(max) => (value.abs() <= max, format!("from -{max} to {max}")),
         };
         if !fits {
-            self.fault(faults, FaultCode::OutOfRange, format!("{value} is out of range; give a number {rule}"));
+            self.fault(
+                faults,
+                FaultCode::OutOfRange,
+                format!("{value} is out of range; give a number {rule}"),
+            );
             return None;
         }
         Some(value)

@@ -147,7 +147,8 @@ mod tests {
 
     #[test]
     fn paths_never_lead_outside() {
-        for path in ["/etc/passwd", "../x", "a/../../x", "a/..", "", ".", "C:\\x", "a\\..\\b", "C:/x", "a\0"] {
+        for path in ["/etc/passwd", "../x", "a/../../x", "a/..", "", ".", "C:\\x", "a\\..\\b", "C:/x", "a\0"]
+        {
             assert_eq!(normalise(path), Err(ResourceError::Outside), "{path:?}");
         }
         assert_eq!(normalise("./a//b/./c"), Ok("a/b/c".to_owned()));

@@ -155,9 +155,13 @@ mod tests {
         let (base, upper, wrist) = (group(&model, "base"), group(&model, "upper"), group(&model, "wrist"));
         let (finger, side) = (group(&model, "finger"), group(&model, "side"));
         assert_eq!(group(&model, "cover"), upper);
-        let expected: BTreeSet<_> =
-            [group_pair(base, upper), group_pair(upper, side), group_pair(upper, wrist), group_pair(wrist, finger)]
-                .into();
+        let expected: BTreeSet<_> = [
+            group_pair(base, upper),
+            group_pair(upper, side),
+            group_pair(upper, wrist),
+            group_pair(wrist, finger),
+        ]
+        .into();
         assert_eq!(neighbours(&model), expected.into_iter().collect::<Vec<_>>());
         let mut hand = vec![wrist, finger];
         hand.sort_unstable();

@@ -174,13 +174,7 @@ fn box_edges(h: Vec3, depth: Option<f64>, max_opening: f64, out: &mut Vec<Grasp>
     }
 }
 
-fn top(
-    shapes: &[PlacedShape],
-    depth: Option<f64>,
-    yaw_steps: usize,
-    max_opening: f64,
-    out: &mut Vec<Grasp>,
-) {
+fn top(shapes: &[PlacedShape], depth: Option<f64>, yaw_steps: usize, max_opening: f64, out: &mut Vec<Grasp>) {
     let (low, high) = bounding_box(shapes);
     let centre = (low + high) / 2.0;
     let half_height = (high.z - low.z) / 2.0;
@@ -197,13 +191,7 @@ fn top(
     }
 }
 
-fn cylinder_side(
-    radius: f64,
-    depth: Option<f64>,
-    yaw_steps: usize,
-    max_opening: f64,
-    out: &mut Vec<Grasp>,
-) {
+fn cylinder_side(radius: f64, depth: Option<f64>, yaw_steps: usize, max_opening: f64, out: &mut Vec<Grasp>) {
     let opening = 2.0 * radius;
     if opening > max_opening + OPENING_PLAY {
         return;

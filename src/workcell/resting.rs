@@ -221,9 +221,13 @@ mod tests {
         let check = |pose| rests_on(&cube, &pose, &surface());
         assert_eq!(check(at(0.0, 0.0, 0.03, Vec3::z(), 0.7)), Ok(()));
         assert_eq!(check(at(0.0, 0.0, 0.0315, Vec3::z(), 0.0)), Ok(()));
-        assert!(matches!(check(at(0.0, 0.0, 0.04, Vec3::z(), 0.0)), Err(RestFault::Height(h)) if (h - 0.01).abs() < 1e-9));
+        assert!(
+            matches!(check(at(0.0, 0.0, 0.04, Vec3::z(), 0.0)), Err(RestFault::Height(h)) if (h - 0.01).abs() < 1e-9)
+        );
         assert!(matches!(check(at(0.0, 0.0, 0.02, Vec3::z(), 0.0)), Err(RestFault::Height(_))));
-        assert!(matches!(check(at(0.23, 0.0, 0.03, Vec3::z(), 0.0)), Err(RestFault::Outside(o)) if (o - 0.01).abs() < 1e-9));
+        assert!(
+            matches!(check(at(0.23, 0.0, 0.03, Vec3::z(), 0.0)), Err(RestFault::Outside(o)) if (o - 0.01).abs() < 1e-9)
+        );
         // On an edge, tilted so that the centre is not over it.
         let tilt = 0.4_f64;
         let height = 0.03 * (tilt.cos() + tilt.sin());

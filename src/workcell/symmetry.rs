@@ -33,9 +33,8 @@ pub fn symmetry_rotations(symmetry: Symmetry, shapes: &[PlacedShape]) -> Vec<Uni
 
 /// The 24 rotations of a cube.
 fn cube_rotations() -> Vec<UnitQuaternion<f64>> {
-    let quarter = |axis: Vec3, turns: usize| {
-        UnitQuaternion::from_scaled_axis(axis * (FRAC_PI_2 * turns as f64))
-    };
+    let quarter =
+        |axis: Vec3, turns: usize| UnitQuaternion::from_scaled_axis(axis * (FRAC_PI_2 * turns as f64));
     // Bring each of the six faces up, then turn about z.
     let faces = [
         UnitQuaternion::identity(),

@@ -60,16 +60,14 @@ impl ArmReader<'_> {
         let robot = fields.required("robot", &mut context.faults).and_then(|node| {
             let name = node.string(&mut context.faults)?;
             let Some(spec) = self.robots.get(name) else {
-                let message =
-                    format!("`workcell.robots` has no `{}`; add it or name another", shown(name));
+                let message = format!("`workcell.robots` has no `{}`; add it or name another", shown(name));
                 node.fault(&mut context.faults, FaultCode::UnknownRobot, message);
                 return None;
             };
             spec.as_ref()
         });
-        let base = fields
-            .required("base", &mut context.faults)
-            .and_then(|node| node.pose(&mut context.faults));
+        let base =
+            fields.required("base", &mut context.faults).and_then(|node| node.pose(&mut context.faults));
         let home = fields.optional("home").map(|node| (read_joint_values(&node, context), node.pointer));
         let (home, home_pointer) = home.unwrap_or_else(|| (BTreeMap::new(), node.pointer.clone()));
         let overrides = fields.optional("limits").map(|node| read_limits(&node, context)).unwrap_or_default();
@@ -81,8 +79,13 @@ impl ArmReader<'_> {
         });
         fields.finish(&mut context.faults);
         let (robot, (mount, tool)) = (robot?, tool?);
-        let loaded =
-            self.models.load(robot, mount.value.as_str().unwrap_or_default(), &mount.pointer, &home, context)?;
+        let loaded = self.models.load(
+            robot,
+            mount.value.as_str().unwrap_or_default(),
+            &mount.pointer,
+            &home,
+            context,
+        )?;
         let limits = self.limits(node, robot, &loaded.model, &overrides, context)?;
         let home = configuration(&loaded.model, &limits, None, &home, &home_pointer, false, context)?;
         let tool = tool?;
@@ -121,7 +124,8 @@ impl ArmReader<'_> {
         for joint in &model.joints {
             let mut limits = joint.limits;
             let mut pointer = node.pointer.as_str();
-            for (limit, place) in [robot.limits.get(&joint.name), overrides.get(&joint.name)].into_iter().flatten()
+            for (limit, place) in
+                [robot.limits.get(&joint.name), overrides.get(&joint.name)].into_iter().flatten()
             {
                 limit.apply(&mut limits);
                 pointer = place;
@@ -186,13 +190,14 @@ impl ArmReader<'_> {
         let model = &loaded.model;
         let mut pairs: BTreeSet<GroupPair> = contacts::neighbours(model).into_iter().collect();
         pairs.extend(loaded.disabled.iter().copied());
-        let key = format!(
-            "{} {} {:?} {:?}",
-            robot.name(),
-            model.mount,
-            limits,
-            tool.shapes.iter().map(shape_key).collect::<Vec<_>>()
-        ) + &format!("{:?}", model.links.iter().map(|link| link.origin.to_string()).collect::<Vec<_>>());
+        let key =
+            format!(
+                "{} {} {:?} {:?}",
+                robot.name(),
+                model.mount,
+                limits,
+                tool.shapes.iter().map(shape_key).collect::<Vec<_>>()
+            ) + &format!("{:?}", model.links.iter().map(|link| link.origin.to_string()).collect::<Vec<_>>());
         let found = match self.overlapping.get(&key) {
             Some(found) => found.clone(),
             None => {

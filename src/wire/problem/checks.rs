@@ -52,7 +52,8 @@ pub fn check(
     check_arms(draft, &arms, &obstacles, context);
     check_arms_against_objects(draft, &arms, &starts, FaultCode::InitialCollision, context);
     let homes = arms_at_home(draft);
-    let elsewhere: Vec<PlacedArm<'_>> = homes.into_iter().filter(|home| draft.starts_elsewhere(home.index)).collect();
+    let elsewhere: Vec<PlacedArm<'_>> =
+        homes.into_iter().filter(|home| draft.starts_elsewhere(home.index)).collect();
     if draft.options.return_home {
         check_arms(draft, &arms_at_home(draft), &obstacles, context);
     } else {
@@ -199,12 +200,16 @@ fn check_capacities(
     context: &mut Context<'_>,
 ) {
     for (index, surface) in draft.surfaces.iter().enumerate() {
-        let Some((surface, capacity)) = surface.as_ref().and_then(|s| Some((s, s.capacity?))) else { continue };
+        let Some((surface, capacity)) = surface.as_ref().and_then(|s| Some((s, s.capacity?))) else {
+            continue;
+        };
         let id = SurfaceId(index);
         let at_start = initial
             .iter()
             .flatten()
-            .filter(|placement| matches!(placement, InitialPlacement::Resting { surface, .. } if *surface == id))
+            .filter(
+                |placement| matches!(placement, InitialPlacement::Resting { surface, .. } if *surface == id),
+            )
             .count();
         let at_end = goal
             .iter()
@@ -254,10 +259,8 @@ fn check_reach(draft: &Draft, context: &mut Context<'_>) {
                 _ => 0.0,
             },
         };
-        let least_lack = arms
-            .iter()
-            .map(|(arm, reach)| distance(arm) - grasp - reach)
-            .fold(f64::INFINITY, f64::min);
+        let least_lack =
+            arms.iter().map(|(arm, reach)| distance(arm) - grasp - reach).fold(f64::INFINITY, f64::min);
         if least_lack > 0.0 {
             let message = format!(
                 "the goal of object `{}` is {:.3} m beyond the greatest reach of every arm; bring it or an \
@@ -303,13 +306,16 @@ fn tcp_reach(arm: &Arm) -> f64 {
 fn placed_at_start<'d>(draft: &'d Draft, initial: &[Option<InitialPlacement>]) -> Vec<PlacedObject<'d>> {
     let mut out = Vec::new();
     for (index, placement) in initial.iter().enumerate() {
-        let (Some(Some(object)), Some(Some(start))) = (draft.objects.get(index), draft.initial.get(index)) else {
+        let (Some(Some(object)), Some(Some(start))) = (draft.objects.get(index), draft.initial.get(index))
+        else {
             continue;
         };
         let (pose, carrier, holder) = match (placement, &start.what) {
             (Some(InitialPlacement::Resting { pose, surface }), _) => (*pose, draft.carrier(*surface), None),
             (Some(InitialPlacement::Held { arm, object_in_tcp }), _) => {
-                let (Some(Some(model)), Some(Some((q, _)))) = (draft.arms.get(arm.0), draft.starts.get(arm.0)) else {
+                let (Some(Some(model)), Some(Some((q, _)))) =
+                    (draft.arms.get(arm.0), draft.starts.get(arm.0))
+                else {
                     continue;
                 };
                 (model.tcp_pose(q) * object_in_tcp, None, Some(arm.0))
@@ -441,7 +447,8 @@ fn check_one_arm(
 ) {
     let itself = |a: &Body, b: &Body| a.group < b.group && placed.arm.checks_groups(a.group, b.group);
     if let Some((a, b, depth)) = deepest(&placed.bodies, &placed.bodies, itself) {
-        let message = collision_message(&a.name, &b.name, depth, "change the configuration, or exempt the pair");
+        let message =
+            collision_message(&a.name, &b.name, depth, "change the configuration, or exempt the pair");
         context.faults.push(placed.pointer.clone(), FaultCode::InitialCollision, message);
     }
     for (obstacle, body) in obstacles {

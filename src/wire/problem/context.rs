@@ -63,8 +63,7 @@ impl<'r> Context<'r> {
     /// Takes down the id at `node` for `named` and gives it back. A fault when it is malformed or
     /// taken, or absent.
     pub fn register(&mut self, node: Option<Node<'_>>, named: Named) -> Option<String> {
-        let Some((node, text)) =
-            node.and_then(|node| node.string(&mut self.faults).map(|text| (node, text)))
+        let Some((node, text)) = node.and_then(|node| node.string(&mut self.faults).map(|text| (node, text)))
         else {
             self.names_complete = false;
             return None;
@@ -96,7 +95,12 @@ impl<'r> Context<'r> {
 
     /// The text or bytes at `path` (relative to the document), noted with their digest under
     /// `node`'s pointer.
-    pub fn read_file(&mut self, node: &Node<'_>, path: Result<String, ResourceError>, max: usize) -> Option<Vec<u8>> {
+    pub fn read_file(
+        &mut self,
+        node: &Node<'_>,
+        path: Result<String, ResourceError>,
+        max: usize,
+    ) -> Option<Vec<u8>> {
         match path.and_then(|path| self.resources.read(&path, max)) {
             Ok(bytes) => {
                 self.contents.insert(node.pointer.clone(), sha256(&bytes));

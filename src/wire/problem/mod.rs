@@ -58,7 +58,11 @@ pub fn read_problem(
         return Err(vec![Fault {
             pointer: String::new(),
             code: FaultCode::TooLarge,
-            message: format!("{} bytes, at most {} are taken; split the problem", bytes.len(), limits.max_bytes),
+            message: format!(
+                "{} bytes, at most {} are taken; split the problem",
+                bytes.len(),
+                limits.max_bytes
+            ),
         }]);
     }
     let document = json::parse(bytes).map_err(|fault| vec![fault])?;
@@ -158,9 +162,8 @@ fn read_parts(
     let obstacles = statics::read_obstacles(obstacles, context);
     let surfaces = statics::read_surfaces(surfaces, context);
     let elements = arms.as_ref().and_then(|node| node.value.as_array());
-    let has_home = elements
-        .map(|list| list.iter().map(|arm| arm.get("home").is_some()).collect())
-        .unwrap_or_default();
+    let has_home =
+        elements.map(|list| list.iter().map(|arm| arm.get("home").is_some()).collect()).unwrap_or_default();
     let mut arms = arm::read_arms(arms, &robots, context);
     let max_opening = widest_opening(&arms);
     let ids_of = objects.as_ref().and_then(|node| node.value.as_array());

@@ -13,7 +13,11 @@ use crate::workcell::{Grasp, GraspGenerator, ObjectModel, Symmetry, symmetry_rot
 const MAX_STROKE: f64 = 1.0;
 
 /// `objects`, one entry per element; `max_opening` is that of the widest gripper.
-pub fn read_objects(node: Option<Node<'_>>, max_opening: f64, context: &mut Context<'_>) -> Vec<Option<ObjectModel>> {
+pub fn read_objects(
+    node: Option<Node<'_>>,
+    max_opening: f64,
+    context: &mut Context<'_>,
+) -> Vec<Option<ObjectModel>> {
     let Some(node) = node else { return Vec::new() };
     let elements = context.named_elements(&node, "objects", context.limits.max_objects);
     let mut objects: Vec<_> = elements
@@ -25,7 +29,12 @@ pub fn read_objects(node: Option<Node<'_>>, max_opening: f64, context: &mut Cont
     objects
 }
 
-fn read_object(index: usize, node: &Node<'_>, max_opening: f64, context: &mut Context<'_>) -> Option<ObjectModel> {
+fn read_object(
+    index: usize,
+    node: &Node<'_>,
+    max_opening: f64,
+    context: &mut Context<'_>,
+) -> Option<ObjectModel> {
     let mut fields = node.fields(&mut context.faults)?;
     let id = fields.required("id", &mut context.faults);
     let id = context.register(id, Named::Object(index));
@@ -72,11 +81,26 @@ fn read_object(index: usize, node: &Node<'_>, max_opening: f64, context: &mut Co
         context.faults.warn(node.pointer.clone(), FaultCode::OutOfRange, message);
     }
     let symmetry_rotations = symmetry_rotations(symmetry, &shapes);
-    Some(ObjectModel { id: id?, shapes, mass, symmetry, symmetry_rotations, grasps, approach, retreat, class: 0 })
+    Some(ObjectModel {
+        id: id?,
+        shapes,
+        mass,
+        symmetry,
+        symmetry_rotations,
+        grasps,
+        approach,
+        retreat,
+        class: 0,
+    })
 }
 
 /// The grasps at `node`, generators expanded.
-fn read_grasps(node: &Node<'_>, shapes: &[PlacedShape], max_opening: f64, context: &mut Context<'_>) -> Vec<Grasp> {
+fn read_grasps(
+    node: &Node<'_>,
+    shapes: &[PlacedShape],
+    max_opening: f64,
+    context: &mut Context<'_>,
+) -> Vec<Grasp> {
     let most = context.limits.max_grasps;
     let entries = if node.value.is_object() {
         vec![node.clone()]

@@ -57,7 +57,8 @@ pub fn read_options(node: &Node<'_>, limits: &ReadLimits, faults: &mut Faults) -
         options.return_home = node.boolean(faults).unwrap_or(options.return_home);
     }
     if let Some(node) = fields.optional("ik_solutions") {
-        options.ik_solutions = node.whole(faults, 1, 100).map_or(options.ik_solutions, |count| count as usize);
+        options.ik_solutions =
+            node.whole(faults, 1, 100).map_or(options.ik_solutions, |count| count as usize);
     }
     if let Some(node) = fields.optional("clearance_m") {
         let range = Range::NonNegative(0.1);
@@ -76,9 +77,8 @@ fn read_stop(node: &Node<'_>, faults: &mut Faults) -> Stop {
     if let Some(node) = fields.optional("first_solution") {
         stop.first_solution = node.boolean(faults).unwrap_or(false);
     }
-    let mut seconds = |key| {
-        fields.nullable(key).and_then(|node| node.number(faults, Range::Positive(MAX_SECONDS)))
-    };
+    let mut seconds =
+        |key| fields.nullable(key).and_then(|node| node.number(faults, Range::Positive(MAX_SECONDS)));
     stop.target_duration_s = seconds("target_duration_s");
     stop.no_improvement_s = seconds("no_improvement_s");
     fields.finish(faults);

@@ -160,8 +160,7 @@ pub fn read_initial_joints(
     arms: &[Option<Arm>],
     context: &mut Context<'_>,
 ) -> Vec<Option<(Config, Option<String>)>> {
-    let mut out: Vec<_> =
-        arms.iter().map(|arm| arm.as_ref().map(|arm| (arm.home.clone(), None))).collect();
+    let mut out: Vec<_> = arms.iter().map(|arm| arm.as_ref().map(|arm| (arm.home.clone(), None))).collect();
     let Some(node) = node else { return out };
     for (name, node) in node.entries(&mut context.faults) {
         let Some(Named::Arm(index)) = context.named(name) else {
@@ -170,15 +169,8 @@ pub fn read_initial_joints(
         };
         let values: BTreeMap<_, _> = read_joint_values(&node, context);
         let Some(Some(arm)) = arms.get(index) else { continue };
-        let config = configuration(
-            &arm.model,
-            &arm.limits,
-            Some(&arm.home),
-            &values,
-            &node.pointer,
-            true,
-            context,
-        );
+        let config =
+            configuration(&arm.model, &arm.limits, Some(&arm.home), &values, &node.pointer, true, context);
         if let Some(slot) = out.get_mut(index) {
             *slot = config.map(|config| (config, Some(node.pointer.clone())));
         }

@@ -82,10 +82,7 @@ pub struct LoadedModel {
 }
 
 /// `workcell.robots`; `None` for an entry that cannot be used.
-pub fn read_robots(
-    node: Option<Node<'_>>,
-    context: &mut Context<'_>,
-) -> BTreeMap<String, Option<RobotSpec>> {
+pub fn read_robots(node: Option<Node<'_>>, context: &mut Context<'_>) -> BTreeMap<String, Option<RobotSpec>> {
     let Some(node) = node else { return BTreeMap::new() };
     let entries = node.entries(&mut context.faults);
     if entries.len() > context.limits.max_robots {
@@ -206,10 +203,7 @@ fn read_packages(fields: &mut Fields<'_>, context: &mut Context<'_>) -> Vec<(Str
 }
 
 /// Overrides of limits, by joint, with their pointers.
-pub fn read_limits(
-    node: &Node<'_>,
-    context: &mut Context<'_>,
-) -> BTreeMap<String, (LimitOverride, String)> {
+pub fn read_limits(node: &Node<'_>, context: &mut Context<'_>) -> BTreeMap<String, (LimitOverride, String)> {
     let faults = &mut context.faults;
     let mut out = BTreeMap::new();
     for (joint, node) in node.entries(faults) {
@@ -450,12 +444,13 @@ impl MeshResolver for UrdfMeshes<'_> {
     fn resolve(&self, uri: &str) -> Result<Vec<u8>, MeshError> {
         use crate::wire::resources::ResourceError;
         let path = resolve_uri(uri, &self.spec.folder, &self.spec.packages);
-        let bytes = path.and_then(|path| self.resources.read(&path, self.max_bytes)).map_err(|error| {
-            match error {
-                ResourceError::TooLarge(_) => MeshError::TooLarge,
-                _ => MeshError::Unresolved,
-            }
-        })?;
+        let bytes =
+            path.and_then(|path| self.resources.read(&path, self.max_bytes)).map_err(
+                |error| match error {
+                    ResourceError::TooLarge(_) => MeshError::TooLarge,
+                    _ => MeshError::Unresolved,
+                },
+            )?;
         self.digests.borrow_mut().insert(uri.to_owned(), sha256(&bytes));
         Ok(bytes)
     }

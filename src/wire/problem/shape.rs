@@ -47,7 +47,12 @@ fn required<'a>(fields: &mut Fields<'a>, key: &'static str, context: &mut Contex
     fields.required(key, &mut context.faults)
 }
 
-fn number(fields: &mut Fields<'_>, key: &'static str, range: Range, context: &mut Context<'_>) -> Option<f64> {
+fn number(
+    fields: &mut Fields<'_>,
+    key: &'static str,
+    range: Range,
+    context: &mut Context<'_>,
+) -> Option<f64> {
     required(fields, key, context).and_then(|node| node.number(&mut context.faults, range))
 }
 

@@ -75,7 +75,13 @@ fn read_surface(index: usize, node: &Node<'_>, context: &mut Context<'_>) -> Opt
         None => Some(None),
     };
     fields.finish(&mut context.faults);
-    Some(Surface { id: id?, carrier: carrier?, pose: pose?, half_extents: half_extents?, capacity: capacity? })
+    Some(Surface {
+        id: id?,
+        carrier: carrier?,
+        pose: pose?,
+        half_extents: half_extents?,
+        capacity: capacity?,
+    })
 }
 
 /// What `allowed_contacts` exempts.
