@@ -15,6 +15,7 @@
 #![deny(unsafe_code)]
 
 pub mod geometry;
+pub mod guidance;
 pub mod kinematics;
 pub mod plan;
 pub mod planner;

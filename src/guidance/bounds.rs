@@ -1,0 +1,269 @@
+//! Lower bounds on the steps of any plan: the longest shortest path, and the static load of the
+//! arms.
+//!
+//! # Static load
+//!
+//! Carrying an object costs an arm two steps (one if it holds the object at the start or may keep
+//! it in the end). With head times `h_a` (steps before anything can come to arm `a`) and tail
+//! times `t_a` (steps that anything needs after it left), `h_a + load_a + t_a <= T` in any plan of
+//! `T` steps. The least such `T` over all fractional choices of paths is the value of a zero-sum
+//! game between arms and objects: for any weights `w_a >= 0` with sum 1,
+//! `T >= sum_a w_a (h_a + t_a) + sum_i (least w-weighted load of a path of object i)`. The weights are
+//! found by multiplicative updates (Freund and Schapire 1999); every round gives a valid bound.
+
+use super::network::{FAR, Network, distances};
+
+/// Rounds of multiplicative updates.
+const ROUNDS: usize = 48;
+
+/// Distances of the objects of a state, and what follows from them alone.
+#[derive(Debug, Clone)]
+pub(super) struct Reach {
+    /// For every object, fewest edges from its place to each node.
+    pub(super) from_start: Vec<Vec<u16>>,
+    /// The longest of the objects' shortest paths to their goals, or the first object without one.
+    pub(super) longest: Result<u16, usize>,
+}
+
+impl Reach {
+    /// Distances from `start`.
+    pub(super) fn new(network: &Network, start: &[u16]) -> Self {
+        let mut from_start: Vec<Vec<u16>> = Vec::with_capacity(start.len());
+        for (object, &node) in start.iter().enumerate() {
+            let same = (0..object)
+                .find(|&other| start[other] == node && network.kind(other).graph == network.kind(object).graph);
+            let list = match same {
+                Some(other) => from_start[other].clone(),
+                None => distances(&[node], network.node_count(), |at| network.graph(object).successors(at)),
+            };
+            from_start.push(list);
+        }
+        let mut longest = Ok(0);
+        for (object, &node) in start.iter().enumerate() {
+            let distance = network.to_goal(object, node as usize);
+            longest = match longest {
+                Ok(_) if distance == FAR => Err(object),
+                Ok(so_far) => Ok(distance.max(so_far)),
+                fault => fault,
+            };
+        }
+        Self { from_start, longest }
+    }
+}
+
+/// The static load bound; `at_least` is a bound that is known already.
+pub(super) fn static_load(network: &Network, start: &[u16], reach: &Reach, at_least: usize) -> usize {
+    let arms = network.arms.len();
+    let objects = network.object_count();
+    if arms == 0 || objects == 0 {
+        return at_least;
+    }
+    let offsets = head_and_tail(network, reach, at_least);
+    let mut games = Game::new(network, start);
+    let mut weights = vec![1.0 / arms as f64; arms];
+    let mut totals = vec![0.0; arms];
+    let mut loads = vec![0.0; arms];
+    let mut best = at_least as f64;
+    for round in 1..=ROUNDS {
+        loads.fill(0.0);
+        let least = games.respond(&weights, &mut loads);
+        let value = least + weights.iter().zip(&offsets).map(|(weight, offset)| weight * offset).sum::<f64>();
+        best = best.max(value);
+        let mut worst: f64 = 0.0;
+        for arm in 0..arms {
+            totals[arm] += loads[arm];
+            worst = worst.max(totals[arm] / round as f64 + offsets[arm]);
+        }
+        // The average of the answers is a fractional plan: no weights can prove more than that.
+        if round_up(best) >= round_up(worst) {
+            break;
+        }
+        // Each round weighs the arms anew by their loads so far.
+        let rate = 1.5 / (1.0 + worst) * (round as f64).sqrt();
+        let shift = worst;
+        let mut sum = 0.0;
+        for arm in 0..arms {
+            let load = totals[arm] / round as f64 + offsets[arm];
+            weights[arm] = (4.0 * rate * (load - shift)).exp();
+            sum += weights[arm];
+        }
+        for weight in &mut weights {
+            *weight /= sum;
+        }
+    }
+    round_up(best)
+}
+
+/// The least whole number not under `value`, forgiving rounding errors on the safe side.
+fn round_up(value: f64) -> usize {
+    (value - 1e-6).ceil().max(0.0) as usize
+}
+
+/// For each arm, the steps at the beginning and at the end in which it cannot act, at most
+/// `at_least` (beyond that the inequality would be wrong for an arm that is never used).
+fn head_and_tail(network: &Network, reach: &Reach, at_least: usize) -> Vec<f64> {
+    network
+        .arms
+        .iter()
+        .map(|&arm| {
+            let (mut head, mut tail) = (FAR, FAR);
+            for (object, from_start) in reach.from_start.iter().enumerate() {
+                let (come, go) = (from_start[arm as usize], network.to_goal(object, arm as usize));
+                if come != FAR && go != FAR {
+                    head = head.min(come.saturating_sub(1));
+                    tail = tail.min(go.saturating_sub(1));
+                }
+            }
+            if head == FAR { 0.0 } else { f64::from(head + tail).min(at_least as f64) }
+        })
+        .collect()
+}
+
+/// One class's arms: which arm can pass an object to which, directly or over a placement.
+struct ArmGraph {
+    passes: Vec<bool>,
+    /// Least weighted load of a path between two arms, the first arm left out.
+    cost: Vec<f64>,
+    /// The first arm after the first on such a path.
+    via: Vec<usize>,
+}
+
+/// One group of objects that answer alike: same kind, same start.
+struct Group {
+    size: f64,
+    graph: usize,
+    /// Arms that can have the object first, and the steps that this costs them.
+    first: Vec<(usize, f64)>,
+    /// Arms that can have it last, and the steps that this saves them.
+    last: Vec<(usize, f64)>,
+}
+
+/// The game's answering side.
+struct Game {
+    arms: usize,
+    graphs: Vec<ArmGraph>,
+    groups: Vec<Group>,
+}
+
+impl Game {
+    fn new(network: &Network, start: &[u16]) -> Self {
+        let arms = network.arms.len();
+        let mut number = vec![usize::MAX; network.node_count()];
+        for (index, &arm) in network.arms.iter().enumerate() {
+            number[arm as usize] = index;
+        }
+        let graphs = network
+            .graphs
+            .iter()
+            .map(|graph| {
+                let mut passes = vec![false; arms * arms];
+                for (index, &arm) in network.arms.iter().enumerate() {
+                    for &next in graph.successors(arm as usize) {
+                        if network.is_arm[next as usize] {
+                            passes[index * arms + number[next as usize]] = true;
+                        } else {
+                            for &other in graph.successors(next as usize) {
+                                if number[other as usize] != usize::MAX {
+                                    passes[index * arms + number[other as usize]] = true;
+                                }
+                            }
+                        }
+                    }
+                }
+                ArmGraph { passes, cost: vec![0.0; arms * arms], via: vec![0; arms * arms] }
+            })
+            .collect();
+        let mut groups: Vec<Group> = Vec::new();
+        let mut known: Vec<(usize, u16, usize)> = Vec::new();
+        for (object, &node) in start.iter().enumerate() {
+            let kind = network.kind(object);
+            if kind.is_goal[node as usize] {
+                continue;
+            }
+            let key = (network.kind_of[object], node);
+            if let Some(&(.., group)) = known.iter().find(|&&(kind, at, _)| (kind, at) == key) {
+                groups[group].size += 1.0;
+                continue;
+            }
+            let graph = &network.graphs[kind.graph];
+            let first = if network.is_arm[node as usize] {
+                vec![(number[node as usize], 1.0)]
+            } else {
+                graph.successors(node as usize).iter().map(|&arm| (number[arm as usize], 2.0)).collect()
+            };
+            let mut last = Vec::new();
+            for (index, &arm) in network.arms.iter().enumerate() {
+                if kind.is_goal[arm as usize] {
+                    last.push((index, 1.0));
+                } else if graph.successors(arm as usize).iter().any(|&next| kind.is_goal[next as usize]) {
+                    last.push((index, 0.0));
+                }
+            }
+            known.push((key.0, key.1, groups.len()));
+            groups.push(Group { size: 1.0, graph: kind.graph, first, last });
+        }
+        Self { arms, graphs, groups }
+    }
+
+    /// The least total load weighted by `weights`, and in `loads` the load of each arm under it.
+    fn respond(&mut self, weights: &[f64], loads: &mut [f64]) -> f64 {
+        let arms = self.arms;
+        for graph in &mut self.graphs {
+            for from in 0..arms {
+                for to in 0..arms {
+                    let cell = from * arms + to;
+                    graph.via[cell] = to;
+                    graph.cost[cell] = if from == to {
+                        0.0
+                    } else if graph.passes[cell] {
+                        2.0 * weights[to]
+                    } else {
+                        f64::INFINITY
+                    };
+                }
+            }
+            for middle in 0..arms {
+                for from in 0..arms {
+                    let half = graph.cost[from * arms + middle];
+                    if half == f64::INFINITY || from == middle {
+                        continue;
+                    }
+                    for to in 0..arms {
+                        let cost = half + graph.cost[middle * arms + to];
+                        if cost < graph.cost[from * arms + to] {
+                            graph.cost[from * arms + to] = cost;
+                            graph.via[from * arms + to] = graph.via[from * arms + middle];
+                        }
+                    }
+                }
+            }
+        }
+        let mut total = 0.0;
+        for group in &self.groups {
+            let graph = &self.graphs[group.graph];
+            let mut best = (f64::INFINITY, 0, 0, 0.0, 0.0);
+            for &(first, steps) in &group.first {
+                for &(last, saved) in &group.last {
+                    let cost =
+                        steps * weights[first] + graph.cost[first * arms + last] - saved * weights[last];
+                    if cost < best.0 {
+                        best = (cost, first, last, steps, saved);
+                    }
+                }
+            }
+            let (cost, first, last, steps, saved) = best;
+            if cost == f64::INFINITY {
+                continue;
+            }
+            total += group.size * cost;
+            loads[first] += group.size * steps;
+            loads[last] -= group.size * saved;
+            let mut at = first;
+            while at != last {
+                at = graph.via[at * arms + last];
+                loads[at] += group.size * 2.0;
+            }
+        }
+        total
+    }
+}

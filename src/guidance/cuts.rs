@@ -1,0 +1,188 @@
+//! Cuts: actions that motion planning failed on are made dear for a while, never forbidden. A
+//! failure of a sampling planner proves nothing, so every cut expires, and under cuts neither a
+//! bound nor "infeasible" is claimed.
+
+use super::instance::NodeId;
+use super::network::Network;
+use super::solution::Move;
+
+/// What a cut makes dear.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum CutKind {
+    /// One action of one object.
+    Action(Move),
+    /// Every action of an arm.
+    Arm(NodeId),
+    /// Two actions in the same step.
+    Pair(Move, Move),
+}
+
+/// A penalty on each occurrence of something in a plan.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Cut {
+    /// On what.
+    pub kind: CutKind,
+    /// How many more steps a plan may take rather than do it once.
+    pub penalty: u32,
+    /// The tick of [`Cuts::advance`] at which it is lifted.
+    pub expires_at: u64,
+}
+
+/// The cuts in force, and the clock that lifts them: it counts calls, not time.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct Cuts {
+    tick: u64,
+    cuts: Vec<Cut>,
+}
+
+impl Cuts {
+    /// No cuts.
+    pub fn none() -> Self {
+        Self::default()
+    }
+
+    /// Adds a cut for `lifetime` ticks. A cut of the same kind that is in force is made dearer by
+    /// `penalty` and kept until the later of the two ends.
+    pub fn add(&mut self, kind: CutKind, penalty: u32, lifetime: u64) {
+        let kind = match kind {
+            CutKind::Pair(a, b) if b < a => CutKind::Pair(b, a),
+            other => other,
+        };
+        let expires_at = self.tick.saturating_add(lifetime);
+        match self.cuts.iter_mut().find(|cut| cut.kind == kind) {
+            Some(cut) => {
+                cut.penalty = cut.penalty.saturating_add(penalty).min(MOST_PENALTY);
+                cut.expires_at = cut.expires_at.max(expires_at);
+            }
+            None => self.cuts.push(Cut { kind, penalty: penalty.min(MOST_PENALTY), expires_at }),
+        }
+        self.cuts.retain(|cut| cut.expires_at > self.tick);
+        self.cuts.sort_by_key(|cut| cut.kind);
+    }
+
+    /// Lets one tick pass and lifts what has expired.
+    pub fn advance(&mut self) {
+        self.tick += 1;
+        self.cuts.retain(|cut| cut.expires_at > self.tick);
+    }
+
+    /// Lifts all cuts.
+    pub fn clear(&mut self) {
+        self.cuts.clear();
+    }
+
+    /// The cuts in force, in a fixed order.
+    pub fn active(&self) -> &[Cut] {
+        &self.cuts
+    }
+
+    /// Whether none is in force.
+    pub fn is_empty(&self) -> bool {
+        self.cuts.is_empty()
+    }
+
+    /// Sum of the penalties that `steps` incur.
+    pub fn penalty(&self, steps: &[Vec<Move>]) -> u64 {
+        let count = |cut: &Cut, moves: &Vec<Move>| -> u64 {
+            match cut.kind {
+                CutKind::Action(action) => u64::from(moves.contains(&action)),
+                CutKind::Arm(arm) => {
+                    moves.iter().filter(|action| action.from == arm || action.to == arm).count() as u64
+                }
+                CutKind::Pair(a, b) => u64::from(moves.contains(&a) && moves.contains(&b)),
+            }
+        };
+        steps
+            .iter()
+            .flat_map(|moves| self.cuts.iter().map(move |cut| count(cut, moves) * u64::from(cut.penalty)))
+            .sum()
+    }
+}
+
+/// No penalty grows beyond this many steps.
+const MOST_PENALTY: u32 = 64;
+
+/// Cuts compiled for the route search, with the occurrences of paired actions in the routes of
+/// the other objects.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Tolls {
+    actions: Vec<(Move, u32)>,
+    arms: Vec<u32>,
+    pairs: Vec<Pair>,
+    empty: bool,
+}
+
+#[derive(Debug, Clone)]
+struct Pair {
+    sides: [Move; 2],
+    penalty: u32,
+    /// How often each side happens in each step of the routes entered.
+    happens: [Vec<u16>; 2],
+}
+
+impl Tolls {
+    /// Compiles `cuts` for plans of at most `horizon` steps.
+    pub(super) fn new(network: &Network, cuts: &Cuts, horizon: usize) -> Self {
+        let mut tolls = Self { empty: cuts.is_empty(), ..Self::default() };
+        if tolls.empty {
+            return tolls;
+        }
+        tolls.arms = vec![0; network.node_count()];
+        for cut in cuts.active() {
+            match cut.kind {
+                CutKind::Action(action) => tolls.actions.push((action, cut.penalty)),
+                CutKind::Arm(arm) => {
+                    if let Some(penalty) = tolls.arms.get_mut(arm.0) {
+                        *penalty += cut.penalty;
+                    }
+                }
+                CutKind::Pair(a, b) => tolls.pairs.push(Pair {
+                    sides: [a, b],
+                    penalty: cut.penalty,
+                    happens: [vec![0; horizon], vec![0; horizon]],
+                }),
+            }
+        }
+        tolls
+    }
+
+    /// Whether there is nothing to pay anywhere.
+    pub(super) fn is_empty(&self) -> bool {
+        self.empty
+    }
+
+    /// Enters (`sign` 1) or takes out (`u16::MAX`) the route of `object`.
+    pub(super) fn enter(&mut self, object: usize, route: &[u16], sign: u16) {
+        for pair in &mut self.pairs {
+            for (side, happens) in pair.sides.iter().zip(&mut pair.happens) {
+                if side.object != object {
+                    continue;
+                }
+                for (step, ends) in route.windows(2).enumerate() {
+                    if side.from.0 == ends[0] as usize && side.to.0 == ends[1] as usize {
+                        happens[step] = happens[step].wrapping_add(sign);
+                    }
+                }
+            }
+        }
+    }
+
+    /// What a move costs in `step`, given the routes entered.
+    pub(super) fn of_move(&self, object: usize, from: usize, to: usize, step: usize) -> u64 {
+        let mut sum = u64::from(self.arms[from]) + u64::from(self.arms[to]);
+        let same = |action: &Move| action.object == object && action.from.0 == from && action.to.0 == to;
+        for (action, penalty) in &self.actions {
+            if same(action) {
+                sum += u64::from(*penalty);
+            }
+        }
+        for pair in &self.pairs {
+            for (side, other) in [(0, 1), (1, 0)] {
+                if same(&pair.sides[side]) && pair.happens[other][step] > 0 {
+                    sum += u64::from(pair.penalty);
+                }
+            }
+        }
+        sum
+    }
+}

@@ -1,0 +1,138 @@
+//! What the search asks of guidance: from a mode state, what to do next and where to head.
+
+use super::cuts::Cuts;
+use super::instance::{InstanceError, NodeId};
+use super::memo::Memo;
+use super::network::Network;
+use super::solution::{Answer, Certificate, Infeasible, Move, Solution};
+use super::solver::{Effort, solve};
+use crate::run::{Control, Seed};
+
+/// The first action in a plan in which an arm takes part.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct ArmAction {
+    /// The arm.
+    pub arm: NodeId,
+    /// In which step, from 1.
+    pub step: usize,
+    /// The action.
+    pub action: Move,
+}
+
+/// A way to go.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Guide {
+    /// The moves of the next step: the paper's modal goal. Empty when all goals are met.
+    pub immediate: Vec<Move>,
+    /// For every arm that the plan uses at all, its first action, by ascending arm: the paper's
+    /// longer-range heuristic.
+    pub heuristic: Vec<ArmAction>,
+    /// Steps from here to the end, where the guide knows a way to the end.
+    pub remaining_steps: Option<usize>,
+    /// How good the whole plan is, where that is known.
+    pub certificate: Option<Certificate>,
+    /// The plan that the guide follows; for a guide without foresight, its next step only.
+    pub solution: Solution,
+}
+
+impl Guide {
+    /// The guide that follows `solution`, which ends with all goals met.
+    pub fn along(network: &Network, solution: Solution, certificate: Option<Certificate>) -> Self {
+        Self {
+            immediate: solution.steps.first().cloned().unwrap_or_default(),
+            heuristic: first_actions(network, &solution.steps),
+            remaining_steps: Some(solution.steps.len()),
+            certificate,
+            solution,
+        }
+    }
+}
+
+/// What guidance says.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Advice {
+    /// Go this way.
+    Go(Guide),
+    /// No plan exists from here. Never said under cuts.
+    Infeasible(Infeasible),
+    /// No way is known from here.
+    Unknown {
+        /// No plan has fewer steps than this; 0 under cuts.
+        lower_bound: usize,
+    },
+}
+
+/// A strategy on the mode graph.
+pub trait Guidance: std::fmt::Debug + Send + Sync {
+    /// Its name on the wire.
+    fn name(&self) -> &'static str;
+
+    /// What to do from `state`. `memo` belongs to this network and this strategy; `cuts` are what
+    /// motion failed on lately.
+    ///
+    /// # Errors
+    ///
+    /// When `state` is no state of the network's instance.
+    fn guide(
+        &self,
+        network: &Network,
+        state: &[NodeId],
+        cuts: &Cuts,
+        memo: &mut Memo,
+        control: &Control,
+    ) -> Result<Advice, InstanceError>;
+}
+
+/// All objects together: the solver of [`solve`].
+#[derive(Debug, Clone)]
+pub struct Smart {
+    /// How hard to try from each new state.
+    pub effort: Effort,
+    /// For the random choices of the solver.
+    pub seed: Seed,
+}
+
+impl Guidance for Smart {
+    fn name(&self) -> &'static str {
+        "smart"
+    }
+
+    fn guide(
+        &self,
+        network: &Network,
+        state: &[NodeId],
+        cuts: &Cuts,
+        memo: &mut Memo,
+        control: &Control,
+    ) -> Result<Advice, InstanceError> {
+        let answer = match memo.find(network, state, cuts) {
+            Some(answer) => answer,
+            None => {
+                let answer = solve(network, state, cuts, &self.effort, self.seed, control)?;
+                memo.keep(state, &answer, cuts);
+                answer
+            }
+        };
+        Ok(match answer {
+            Answer::Solved(solution, certificate) => {
+                Advice::Go(Guide::along(network, solution, Some(certificate)))
+            }
+            Answer::Infeasible(reason) => Advice::Infeasible(reason),
+            Answer::Unknown { lower_bound } => Advice::Unknown { lower_bound },
+        })
+    }
+}
+
+/// The first action of every arm in `steps`, by ascending arm.
+pub(super) fn first_actions(network: &Network, steps: &[Vec<Move>]) -> Vec<ArmAction> {
+    let mut first = Vec::new();
+    for &arm in &network.arms {
+        let arm = NodeId(arm as usize);
+        let found = steps.iter().enumerate().find_map(|(index, moves)| {
+            let action = moves.iter().find(|action| action.from == arm || action.to == arm)?;
+            Some(ArmAction { arm, step: index + 1, action: *action })
+        });
+        first.extend(found);
+    }
+    first
+}

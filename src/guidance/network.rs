@@ -1,0 +1,289 @@
+//! An instance compiled for the solvers: adjacency per class, limited resources, distances to
+//! goals. Built once per instance, used from any state of it.
+
+use super::instance::{Goal, Instance, InstanceError, NodeId};
+use super::solution::Move;
+use std::collections::BTreeMap;
+use std::ops::Range;
+
+/// Distance of a node from which there is no path.
+pub(super) const FAR: u16 = u16::MAX;
+
+/// A range of 16-bit lists one after another.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Lists {
+    ends: Vec<u32>,
+    items: Vec<u16>,
+}
+
+impl Lists {
+    fn push(&mut self, items: impl IntoIterator<Item = u16>) {
+        self.items.extend(items);
+        self.ends.push(self.items.len() as u32);
+    }
+
+    fn range(&self, index: usize) -> Range<usize> {
+        let start = if index == 0 { 0 } else { self.ends[index - 1] as usize };
+        start..self.ends[index] as usize
+    }
+
+    /// The list at `index`.
+    pub(super) fn get(&self, index: usize) -> &[u16] {
+        &self.items[self.range(index)]
+    }
+}
+
+/// The edges that one class of objects may take.
+#[derive(Debug, Clone, Default)]
+pub(super) struct ClassGraph {
+    successors: Lists,
+    predecessors: Lists,
+    weights: Vec<u32>,
+}
+
+impl ClassGraph {
+    /// Nodes that one edge leads to from `node`, ascending.
+    pub(super) fn successors(&self, node: usize) -> &[u16] {
+        self.successors.get(node)
+    }
+
+    /// Nodes from which one edge leads to `node`, ascending.
+    pub(super) fn predecessors(&self, node: usize) -> &[u16] {
+        self.predecessors.get(node)
+    }
+
+    /// Scaled weights of the edges to [`Self::successors`], at least 1.
+    pub(super) fn weights(&self, node: usize) -> &[u32] {
+        &self.weights[self.successors.range(node)]
+    }
+}
+
+/// Objects of one kind share class and goal, and are interchangeable.
+#[derive(Debug, Clone)]
+pub(super) struct Kind {
+    /// Index into [`Network::graphs`].
+    pub(super) graph: usize,
+    /// Whether a node meets the goal.
+    pub(super) is_goal: Vec<bool>,
+    /// The nodes that meet the goal, ascending.
+    pub(super) goals: Vec<u16>,
+    /// Fewest edges from each node to the goal for an object that is alone.
+    pub(super) to_goal: Vec<u16>,
+}
+
+/// A compiled [`Instance`]. See the module's documentation.
+#[derive(Debug, Clone)]
+pub struct Network {
+    instance: Instance,
+    pub(super) is_arm: Vec<bool>,
+    pub(super) arms: Vec<u16>,
+    pub(super) graphs: Vec<ClassGraph>,
+    pub(super) kinds: Vec<Kind>,
+    /// The kind of every object.
+    pub(super) kind_of: Vec<usize>,
+    /// Capacities of the nodes and conflict sets that can be overfilled at all.
+    pub(super) capacities: Vec<u16>,
+    /// Which of them each node draws on.
+    pub(super) resources: Lists,
+}
+
+/// Largest scaled weight of one edge.
+const WEIGHT_SCALE: f64 = 4096.0;
+
+impl Network {
+    /// Compiles `instance`.
+    ///
+    /// # Errors
+    ///
+    /// When the instance makes no sense; see [`Instance::validate`].
+    pub fn new(instance: Instance) -> Result<Self, InstanceError> {
+        instance.validate()?;
+        let count = instance.nodes.len();
+        let is_arm: Vec<bool> = (0..count).map(|node| instance.is_arm(NodeId(node))).collect();
+        let arms = (0..count).filter(|&node| is_arm[node]).map(|node| node as u16).collect();
+        let heaviest = instance.edges.iter().map(|edge| edge.weight).fold(0.0, f64::max);
+        let weight_unit = if heaviest > 0.0 { heaviest / WEIGHT_SCALE } else { 1.0 };
+
+        let mut class_graph: BTreeMap<usize, usize> = BTreeMap::new();
+        let mut graphs = Vec::new();
+        let mut kind_index: BTreeMap<(usize, &Goal), usize> = BTreeMap::new();
+        let mut kinds = Vec::new();
+        let mut kind_of = Vec::with_capacity(instance.objects.len());
+        let closed = closed_nodes(&instance);
+        for object in &instance.objects {
+            let graph = *class_graph.entry(object.class).or_insert_with(|| {
+                graphs.push(class_edges(&instance, object.class, &closed, weight_unit));
+                graphs.len() - 1
+            });
+            let kind = *kind_index.entry((object.class, &object.goal)).or_insert_with(|| {
+                let is_goal: Vec<bool> = (0..count)
+                    .map(|node| match &object.goal {
+                        Goal::Nodes(nodes) => nodes.contains(&NodeId(node)),
+                        Goal::AnyPlacement => !is_arm[node],
+                    })
+                    .collect();
+                let goals: Vec<u16> =
+                    (0..count).filter(|&node| is_goal[node]).map(|node| node as u16).collect();
+                let to_goal = distances(&goals, count, |node| graphs[graph].predecessors(node));
+                kinds.push(Kind { graph, is_goal, goals, to_goal });
+                kinds.len() - 1
+            });
+            kind_of.push(kind);
+        }
+        let (capacities, resources) = limited_resources(&instance);
+        Ok(Self { is_arm, arms, graphs, kinds, kind_of, capacities, resources, instance })
+    }
+
+    /// The instance.
+    pub fn instance(&self) -> &Instance {
+        &self.instance
+    }
+
+    /// Number of nodes.
+    pub(super) fn node_count(&self) -> usize {
+        self.is_arm.len()
+    }
+
+    /// Number of objects.
+    pub(super) fn object_count(&self) -> usize {
+        self.kind_of.len()
+    }
+
+    /// The kind of object `object`.
+    pub(super) fn kind(&self, object: usize) -> &Kind {
+        &self.kinds[self.kind_of[object]]
+    }
+
+    /// The edges that object `object` may take.
+    pub(super) fn graph(&self, object: usize) -> &ClassGraph {
+        &self.graphs[self.kind(object).graph]
+    }
+
+    /// Fewest edges from `node` to the goal of `object`, if it were alone.
+    pub(super) fn to_goal(&self, object: usize, node: usize) -> u16 {
+        self.kind(object).to_goal[node]
+    }
+
+    /// Sum of the scaled weights along a route.
+    pub(super) fn route_weight(&self, object: usize, route: &[u16]) -> u64 {
+        let graph = self.graph(object);
+        route
+            .windows(2)
+            .filter(|ends| ends[0] != ends[1])
+            .map(|ends| {
+                let from = ends[0] as usize;
+                let place = graph.successors(from).binary_search(&ends[1]);
+                place.map_or(0, |place| u64::from(graph.weights(from)[place]))
+            })
+            .sum()
+    }
+
+    /// Sum of the true weights of the edges taken in `steps`.
+    pub(super) fn weight_of_steps(&self, steps: &[Vec<Move>]) -> f64 {
+        steps.iter().flatten().map(|step| self.weight_of(step.object, step.from.0, step.to.0)).sum()
+    }
+
+    /// The true weight of the edge from `from` to `to` for `object`.
+    pub(super) fn weight_of(&self, object: usize, from: usize, to: usize) -> f64 {
+        let class = self.instance.objects[object].class;
+        self.instance
+            .edges
+            .iter()
+            .filter(|edge| {
+                edge.from.0 == from && edge.to.0 == to && edge.class.is_none_or(|only| only == class)
+            })
+            .map(|edge| edge.weight)
+            .min_by(f64::total_cmp)
+            .unwrap_or(0.0)
+    }
+}
+
+/// Nodes that nothing can ever enter.
+fn closed_nodes(instance: &Instance) -> Vec<bool> {
+    let mut closed: Vec<bool> = instance.nodes.iter().map(|node| node.capacity == 0).collect();
+    for set in instance.conflicts.iter().filter(|set| set.capacity == 0) {
+        for node in &set.nodes {
+            closed[node.0] = true;
+        }
+    }
+    closed
+}
+
+fn class_edges(instance: &Instance, class: usize, closed: &[bool], unit: f64) -> ClassGraph {
+    let count = instance.nodes.len();
+    let mut out: Vec<BTreeMap<u16, u32>> = vec![BTreeMap::new(); count];
+    let mut back: Vec<Vec<u16>> = vec![Vec::new(); count];
+    for edge in &instance.edges {
+        if edge.class.is_some_and(|only| only != class) || closed[edge.to.0] {
+            continue;
+        }
+        let weight = 1 + (edge.weight / unit).round() as u32;
+        let entry = out[edge.from.0].entry(edge.to.0 as u16).or_insert_with(|| {
+            back[edge.to.0].push(edge.from.0 as u16);
+            weight
+        });
+        *entry = weight.min(*entry);
+    }
+    let mut graph = ClassGraph::default();
+    for (out, mut back) in out.into_iter().zip(back) {
+        graph.weights.extend(out.values());
+        graph.successors.push(out.into_keys());
+        back.sort_unstable();
+        graph.predecessors.push(back);
+    }
+    graph
+}
+
+/// Breadth-first distances from `sources` along `next`.
+pub(super) fn distances<'a>(
+    sources: &[u16],
+    count: usize,
+    next: impl Fn(usize) -> &'a [u16],
+) -> Vec<u16> {
+    let mut distance = vec![FAR; count];
+    let mut queue: Vec<u16> = sources.to_vec();
+    for &node in sources {
+        distance[node as usize] = 0;
+    }
+    let mut head = 0;
+    while head < queue.len() {
+        let node = queue[head] as usize;
+        head += 1;
+        for &other in next(node) {
+            if distance[other as usize] == FAR {
+                distance[other as usize] = distance[node] + 1;
+                queue.push(other);
+            }
+        }
+    }
+    distance
+}
+
+/// A node or conflict set limits something only if there are more objects than it holds.
+fn limited_resources(instance: &Instance) -> (Vec<u16>, Lists) {
+    let objects = instance.objects.len();
+    let mut capacities = Vec::new();
+    let mut of_node: Vec<Vec<u16>> = vec![Vec::new(); instance.nodes.len()];
+    for (node, data) in instance.nodes.iter().enumerate() {
+        if (data.capacity as usize) < objects {
+            of_node[node].push(capacities.len() as u16);
+            capacities.push(data.capacity as u16);
+        }
+    }
+    for set in &instance.conflicts {
+        let mut nodes = set.nodes.clone();
+        nodes.sort_unstable();
+        nodes.dedup();
+        if (set.capacity as usize) < objects {
+            for node in nodes {
+                of_node[node.0].push(capacities.len() as u16);
+            }
+            capacities.push(set.capacity as u16);
+        }
+    }
+    let mut resources = Lists::default();
+    for list in of_node {
+        resources.push(list);
+    }
+    (capacities, resources)
+}

@@ -1,0 +1,135 @@
+//! The cheapest route of one object through space and time among the routes of the others: dynamic
+//! programming over the layers of a fixed horizon.
+
+use super::cuts::Tolls;
+use super::network::{FAR, Network};
+use super::timetable::{Route, Timetable};
+
+/// Cost of one unit of conflict price; weights of whole routes stay below it.
+const CONFLICT: u64 = 1 << 32;
+/// Cost of one unit of toll.
+const TOLL: u64 = 1 << 26;
+/// Cost of not being at the goal for one step: breaks ties between routes of equal weight.
+const LATE: u64 = 1;
+/// Weights are shifted up by this, to leave room for ties.
+const WEIGHT_SHIFT: u32 = 6;
+
+/// Buffers of the route search, kept between calls.
+#[derive(Debug, Clone, Default)]
+pub(super) struct RouteSearch {
+    cost: [Vec<u64>; 2],
+    active: [Vec<u16>; 2],
+    parent: Vec<u16>,
+    /// Work done so far: edges looked at.
+    pub(super) relaxed: u64,
+}
+
+impl RouteSearch {
+    /// Finds the cheapest route of `object` from `start` to its goal within the horizon of
+    /// `timetable`, in which its own old route is not entered. Conflicts with other routes cost
+    /// most, then tolls, then weight. Ties are broken by `noise`. `None` if the horizon is too
+    /// short even for an object that is alone.
+    pub(super) fn cheapest(
+        &mut self,
+        network: &Network,
+        timetable: &Timetable,
+        tolls: &Tolls,
+        object: usize,
+        start: usize,
+        noise: u64,
+    ) -> Option<Route> {
+        let horizon = timetable.horizon;
+        let count = network.node_count();
+        let kind = network.kind(object);
+        let graph = network.graph(object);
+        for layer in 0..2 {
+            self.cost[layer].clear();
+            self.cost[layer].resize(count, u64::MAX);
+            self.active[layer].clear();
+        }
+        if self.parent.len() < (horizon + 1) * count {
+            self.parent.resize((horizon + 1) * count, 0);
+        }
+        let left = |step: usize| (horizon - step) as u16;
+        if kind.to_goal[start] == FAR || kind.to_goal[start] > left(0) {
+            return None;
+        }
+        let tolled = !tolls.is_empty();
+        self.cost[0][start] = 0;
+        self.active[0].push(start as u16);
+        for step in 0..horizon {
+            let (now, then) = (step % 2, (step + 1) % 2);
+            let active = std::mem::take(&mut self.active[now]);
+            let mut reached = std::mem::take(&mut self.active[then]);
+            let remaining = left(step + 1);
+            let parents = (step + 1) * count;
+            for &node in &active {
+                let node = node as usize;
+                let so_far = self.cost[now][node];
+                self.cost[now][node] = u64::MAX;
+                let base = so_far
+                    + CONFLICT * timetable.presence(network, node, step)
+                    + if kind.is_goal[node] { 0 } else { LATE };
+                if kind.to_goal[node] <= remaining {
+                    let cost = base + jitter(noise, node, node, step);
+                    let known = &mut self.cost[then][node];
+                    if *known == u64::MAX {
+                        reached.push(node as u16);
+                    }
+                    if cost < *known {
+                        *known = cost;
+                        self.parent[parents + node] = node as u16;
+                    }
+                }
+                let successors = graph.successors(node);
+                self.relaxed += 1 + successors.len() as u64;
+                for (&next, &weight) in successors.iter().zip(graph.weights(node)) {
+                    let next = next as usize;
+                    if kind.to_goal[next] > remaining {
+                        continue;
+                    }
+                    let mut cost = base + (u64::from(weight) << WEIGHT_SHIFT);
+                    if cost >= self.cost[then][next] {
+                        continue;
+                    }
+                    cost += CONFLICT * timetable.entry(network, next, step) + jitter(noise, node, next, step);
+                    if tolled {
+                        cost += TOLL * tolls.of_move(object, node, next, step);
+                    }
+                    let known = &mut self.cost[then][next];
+                    if *known == u64::MAX {
+                        reached.push(next as u16);
+                    }
+                    if cost < *known {
+                        *known = cost;
+                        self.parent[parents + next] = node as u16;
+                    }
+                }
+            }
+            let mut spent = active;
+            spent.clear();
+            self.active[now] = spent;
+            self.active[then] = reached;
+        }
+        let last = horizon % 2;
+        let end = self.active[last]
+            .iter()
+            .filter(|&&node| kind.is_goal[node as usize])
+            .min_by_key(|&&node| (self.cost[last][node as usize], node))?;
+        let mut route = vec![0; horizon + 1];
+        route[horizon] = *end;
+        for step in (0..horizon).rev() {
+            route[step] = self.parent[(step + 1) * count + route[step + 1] as usize];
+        }
+        Some(route)
+    }
+}
+
+/// A few pseudo-random low bits for each (move, step), none for `noise` 0.
+fn jitter(noise: u64, from: usize, to: usize, step: usize) -> u64 {
+    if noise == 0 {
+        return 0;
+    }
+    let key = (from as u64) | ((to as u64) << 16) | ((step as u64) << 32);
+    ((key ^ noise).wrapping_mul(0x9e37_79b9_7f4a_7c15) >> 58) & 0x1f
+}
