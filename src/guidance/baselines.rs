@@ -292,7 +292,8 @@ type ModeSteps = Vec<Vec<Move>>;
 
 /// Whether an arm of `action` already takes part in one of `moves`.
 fn takes_part(network: &Network, moves: &[Move], action: Move) -> bool {
-    [action.from, action.to].into_iter().filter(|node| network.is_arm[node.0]).any(|arm| {
-        moves.iter().any(|other| other.from == arm || other.to == arm)
-    })
+    [action.from, action.to]
+        .into_iter()
+        .filter(|node| network.is_arm[node.0])
+        .any(|arm| moves.iter().any(|other| other.from == arm || other.to == arm))
 }

@@ -30,8 +30,9 @@ impl Reach {
     pub(super) fn new(network: &Network, start: &[u16]) -> Self {
         let mut from_start: Vec<Vec<u16>> = Vec::with_capacity(start.len());
         for (object, &node) in start.iter().enumerate() {
-            let same = (0..object)
-                .find(|&other| start[other] == node && network.kind(other).graph == network.kind(object).graph);
+            let same = (0..object).find(|&other| {
+                start[other] == node && network.kind(other).graph == network.kind(object).graph
+            });
             let list = match same {
                 Some(other) => from_start[other].clone(),
                 None => distances(&[node], network.node_count(), |at| network.graph(object).successors(at)),

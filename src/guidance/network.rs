@@ -235,11 +235,7 @@ fn class_edges(instance: &Instance, class: usize, closed: &[bool], unit: f64) ->
 }
 
 /// Breadth-first distances from `sources` along `next`.
-pub(super) fn distances<'a>(
-    sources: &[u16],
-    count: usize,
-    next: impl Fn(usize) -> &'a [u16],
-) -> Vec<u16> {
+pub(super) fn distances<'a>(sources: &[u16], count: usize, next: impl Fn(usize) -> &'a [u16]) -> Vec<u16> {
     let mut distance = vec![FAR; count];
     let mut queue: Vec<u16> = sources.to_vec();
     for &node in sources {
