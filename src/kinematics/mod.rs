@@ -3,12 +3,16 @@
 //! A model knows its own chain only, in the frame of its root link; where the arm stands is the
 //! workcell's business. Models come from URDF text, the user's or the [`library`]'s.
 
+mod chain;
+mod inverse;
+mod jacobian;
 mod library;
 mod model;
 mod srdf;
 mod urdf;
 mod xml;
 
+pub use inverse::InverseMethod;
 pub use library::{LibraryRobot, library, library_names};
 pub use model::{ArmModel, Config, Joint, JointLimits, Link, LinkMotion};
 pub use srdf::{SrdfError, disabled_group_pairs};

@@ -3,6 +3,8 @@
 use nalgebra::{Translation3, Unit, UnitQuaternion};
 use smallvec::SmallVec;
 
+use super::chain::Chain;
+use super::inverse::Solver;
 use crate::geometry::{PlacedShape, Pose, Vec3};
 
 /// Joint values of one arm, root to mount: radians (revolute) or metres (prismatic).
@@ -91,13 +93,17 @@ pub struct ArmModel {
     pub joints: Vec<Joint>,
     /// The link that carries the tool.
     pub mount: usize,
+    pub(super) chain: Chain,
+    pub(super) solver: Solver,
 }
 
 impl ArmModel {
     /// An arm of `links` (root first, parents before children), its chain's `joints` (root to
     /// mount) and the index of its mount link.
     pub fn new(name: String, links: Vec<Link>, joints: Vec<Joint>, mount: usize) -> Self {
-        Self { name, links, joints, mount }
+        let chain = Chain::new(&links, mount, joints.len());
+        let solver = Solver::new(&chain);
+        Self { name, links, joints, mount, chain, solver }
     }
 
     /// Number of joints in the chain.
@@ -134,8 +140,6 @@ impl ArmModel {
 
     /// The mount link's pose in the root link's frame at `q`.
     pub fn mount_pose(&self, q: &[f64]) -> Pose {
-        let mut poses = Vec::with_capacity(self.links.len());
-        self.link_poses(q, &mut poses);
-        poses[self.mount]
+        self.chain.mount_pose(q)
     }
 }

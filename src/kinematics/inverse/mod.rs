@@ -1,0 +1,147 @@
+//! Inverse kinematics: closed form where the structure allows it, numeric for any other chain.
+//!
+//! Which solver an arm gets is decided once, from the geometry of its axes.
+
+mod angles;
+mod euler;
+mod numeric;
+mod redundant;
+mod spherical_seven;
+
+use super::chain::Chain;
+use super::{ArmModel, Config, JointLimits};
+use crate::geometry::Pose;
+use crate::run::{Rng, Seed};
+use numeric::Descent;
+use spherical_seven::SphericalSeven;
+
+/// The solver for an arm's structure.
+#[derive(Debug, Clone)]
+pub(super) struct Solver(Structure);
+
+#[derive(Debug, Clone)]
+enum Structure {
+    /// Spherical shoulder, revolute elbow, spherical wrist.
+    SphericalSeven(Box<SphericalSeven>),
+    /// Any other chain.
+    Other,
+}
+
+impl Solver {
+    /// The solver for `chain`.
+    pub fn new(chain: &Chain) -> Self {
+        Self(match SphericalSeven::detect(chain) {
+            Some(seven) => Structure::SphericalSeven(Box::new(seven)),
+            None => Structure::Other,
+        })
+    }
+}
+
+/// Which method [`ArmModel::inverse`] uses.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum InverseMethod {
+    /// Closed form for 7R arms with spherical shoulder and wrist.
+    SphericalSeven,
+    /// Damped least squares with restarts.
+    Numeric,
+}
+
+impl ArmModel {
+    /// The method of inverse kinematics that the arm's structure allows.
+    pub fn inverse_method(&self) -> InverseMethod {
+        match &self.solver.0 {
+            Structure::SphericalSeven(_) => InverseMethod::SphericalSeven,
+            Structure::Other => InverseMethod::Numeric,
+        }
+    }
+
+    /// Writes to `out` (cleared first) up to `max_solutions` different configurations within
+    /// `limits` (one per joint) that bring the mount link to `target`, its pose in the root link's
+    /// frame. They are spread over the branches and, for redundant arms, over the free motion.
+    ///
+    /// In closed form an empty result means that there is none. Of a joint's values a whole turn
+    /// apart only the one nearest to 0 is given.
+    pub fn inverse(
+        &self,
+        limits: &[JointLimits],
+        target: &Pose,
+        max_solutions: usize,
+        rng: &mut Rng,
+        out: &mut Vec<Config>,
+    ) {
+        out.clear();
+        if max_solutions == 0 || !self.fits(limits, target) {
+            return;
+        }
+        match &self.solver.0 {
+            Structure::SphericalSeven(seven) => seven.spread(limits, target, max_solutions, rng, out),
+            Structure::Other => self.descent(limits, target).spread(max_solutions, rng, out),
+        }
+    }
+
+    /// The configuration for `target` that continues from `seed`: same branch, the free motion of
+    /// a redundant arm kept, or moved only as much as `limits` ask for. `None` when there is none
+    /// with every joint within `max_step` (rad or m) of the seed. For following the TCP's path in
+    /// small steps.
+    pub fn inverse_near(
+        &self,
+        limits: &[JointLimits],
+        target: &Pose,
+        seed: &[f64],
+        max_step: f64,
+    ) -> Option<Config> {
+        if !self.fits(limits, target) || seed.len() != self.dof() {
+            return None;
+        }
+        match (&self.solver.0, <&[f64; 7]>::try_from(seed)) {
+            (Structure::SphericalSeven(seven), Ok(seed)) => seven.near(limits, target, seed, max_step),
+            _ => {
+                let descent = self.descent(limits, target);
+                let mut q = descent.from(seed)?;
+                descent.unwind(&mut q, seed);
+                q.iter().zip(seed).all(|(a, b)| (a - b).abs() <= max_step).then_some(q)
+            }
+        }
+    }
+
+    /// The configuration for `target` with the least distance to `reference`, the square root of
+    /// the sum of `weights[j] * (q[j] - reference[j])^2`, over all branches and the free motion of
+    /// a redundant arm (by a sweep and refinement; by descents from `reference` and from fixed
+    /// pseudo-random starts where there is no closed form).
+    pub fn inverse_closest(
+        &self,
+        limits: &[JointLimits],
+        target: &Pose,
+        reference: &[f64],
+        weights: &[f64],
+    ) -> Option<Config> {
+        let dof = self.dof();
+        if !self.fits(limits, target) || reference.len() != dof || weights.len() != dof {
+            return None;
+        }
+        match (&self.solver.0, <&[f64; 7]>::try_from(reference)) {
+            (Structure::SphericalSeven(seven), Ok(reference)) => {
+                seven.closest(limits, target, reference, weights)
+            }
+            _ => {
+                let mut rng = Seed(0).stream("inverse kinematics");
+                self.descent(limits, target).closest(reference, weights, &mut rng)
+            }
+        }
+    }
+
+    fn descent<'a>(&'a self, limits: &'a [JointLimits], target: &'a Pose) -> Descent<'a> {
+        Descent { chain: &self.chain, limits, target }
+    }
+
+    /// Whether there is one pair of limits per joint, none crossed, and a finite target.
+    fn fits(&self, limits: &[JointLimits], target: &Pose) -> bool {
+        limits.len() == self.dof()
+            && limits.iter().all(|l| l.lower <= l.upper)
+            && target.translation.vector.iter().all(|c| c.is_finite())
+            && target.rotation.coords.iter().all(|c| c.is_finite())
+    }
+}
+
+#[cfg(test)]
+mod tests;

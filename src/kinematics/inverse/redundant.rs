@@ -1,0 +1,232 @@
+//! Choosing among the solutions of a 7R arm: spread over psi and branches, continued from a
+//! seed, or closest to a reference.
+
+use std::f64::consts::TAU;
+
+use rand::Rng as _;
+use smallvec::SmallVec;
+
+use super::angles::{neutral, turn_between, weighted_square};
+use super::euler::Side;
+use super::spherical_seven::{Aim, Branch, SphericalSeven, Window};
+use crate::geometry::Pose;
+use crate::kinematics::{Config, JointLimits};
+use crate::run::Rng;
+
+/// Psi advances by the golden angle, which spreads any number of draws evenly.
+const GOLDEN_ANGLE: f64 = 2.399_963_229_728_653;
+/// Draws of psi without any solution before the windows are computed.
+const BLIND_DRAWS: usize = 6;
+/// Steps of psi in the sweep for the closest solution.
+const SWEEP: usize = 36;
+/// Two solutions whose joints all agree within this (rad) are one.
+const SAME: f64 = 1e-7;
+
+impl SphericalSeven {
+    /// Up to `max` solutions within `limits`, spread over psi and the branches.
+    pub fn spread(
+        &self,
+        limits: &[JointLimits],
+        target: &Pose,
+        max: usize,
+        rng: &mut Rng,
+        out: &mut Vec<Config>,
+    ) {
+        let Some(aim) = self.aim(target, None) else { return };
+        let near = neutral_all(limits);
+        let per_psi = max.div_ceil(4);
+        let start = rng.random::<f64>() * TAU;
+        for draw in 0..BLIND_DRAWS + 4 * max {
+            if out.len() >= max || (draw >= BLIND_DRAWS && out.is_empty()) {
+                break;
+            }
+            let psi = start + draw as f64 * GOLDEN_ANGLE;
+            let angles = [0, 1].map(|elbow| self.angles(&aim.elbows[elbow], psi, &near));
+            let first: usize = rng.random_range(0..8);
+            let mut taken = 0;
+            for index in 0..8 {
+                let branch = branch_of((first + index * 3) % 8);
+                if taken < per_psi
+                    && out.len() < max
+                    && let Some(q) = angles[branch.elbow].within(branch, limits, &near)
+                {
+                    taken += push_new(out, &q);
+                }
+            }
+        }
+        if out.len() < max {
+            self.fill_from_windows(&aim, limits, &near, max, rng, out);
+        }
+    }
+
+    /// Draws from the windows, which miss nothing however narrow, until there are `max`.
+    fn fill_from_windows(
+        &self,
+        aim: &Aim,
+        limits: &[JointLimits],
+        near: &[f64; 7],
+        max: usize,
+        rng: &mut Rng,
+        out: &mut Vec<Config>,
+    ) {
+        let mut windows = SmallVec::new();
+        self.windows(aim, limits, near, &mut windows);
+        if windows.is_empty() {
+            return;
+        }
+        let first = rng.random_range(0..windows.len());
+        for draw in 0..4 * max + windows.len() {
+            if out.len() >= max {
+                return;
+            }
+            let window: &Window = &windows[(first + draw) % windows.len()];
+            // The first round tries the middles, where nothing can fall to rounding.
+            let part = if draw < windows.len() { 0.5 } else { rng.random::<f64>() };
+            let psi = window.from + part * (window.to - window.from);
+            let angles = self.angles(&aim.elbows[window.branch.elbow], psi, near);
+            if let Some(q) = angles.within(window.branch, limits, near) {
+                push_new(out, &q);
+            }
+        }
+    }
+
+    /// The solution that continues from `seed`: same branch, psi kept, or moved as little as the
+    /// limits ask for; no joint farther than `max_step` (rad) from the seed.
+    pub fn near(
+        &self,
+        limits: &[JointLimits],
+        target: &Pose,
+        seed: &[f64; 7],
+        max_step: f64,
+    ) -> Option<Config> {
+        let aim = self.aim(target, Some(seed))?;
+        let elbow = aim.nearest_elbow(seed[3]);
+        let angles = self.angles(&aim.elbows[elbow], 0.0, seed);
+        let kept = branches_of(elbow)
+            .filter_map(|branch| angles.within(branch, limits, seed))
+            .filter(|q| within_step(q, seed, max_step))
+            .min_by(|a, b| square(a, seed).total_cmp(&square(b, seed)));
+        if let Some(q) = kept {
+            return Some(q.into_iter().collect());
+        }
+        let (shoulder, wrist) = self.sides_of(seed);
+        let mut windows = SmallVec::new();
+        self.windows(&aim, limits, seed, &mut windows);
+        windows
+            .iter()
+            .filter(|w| w.branch == Branch { elbow, shoulder, wrist })
+            .filter_map(|window| {
+                let psi = nearest_to_zero(window);
+                self.angles(&aim.elbows[elbow], psi, seed).within(window.branch, limits, seed)
+            })
+            .filter(|q| within_step(q, seed, max_step))
+            .min_by(|a, b| square(a, seed).total_cmp(&square(b, seed)))
+            .map(|q| q.into_iter().collect())
+    }
+
+    /// The solution of least weighted square distance to `reference`, over all branches and psi.
+    pub fn closest(
+        &self,
+        limits: &[JointLimits],
+        target: &Pose,
+        reference: &[f64; 7],
+        weights: &[f64],
+    ) -> Option<Config> {
+        let aim = self.aim(target, Some(reference))?;
+        let cost_at = |branch: Branch, psi: f64| {
+            let q =
+                self.angles(&aim.elbows[branch.elbow], psi, reference).within(branch, limits, reference)?;
+            Some((weighted_square(&q, reference, weights), q))
+        };
+        let mut best: Option<(f64, [f64; 7], Branch, f64)> = None;
+        for step in 0..SWEEP {
+            let psi = step as f64 * TAU / SWEEP as f64;
+            for elbow in 0..2 {
+                let angles = self.angles(&aim.elbows[elbow], psi, reference);
+                for branch in branches_of(elbow) {
+                    if let Some(q) = angles.within(branch, limits, reference) {
+                        let cost = weighted_square(&q, reference, weights);
+                        keep_better(&mut best, cost, q, branch, psi);
+                    }
+                }
+            }
+        }
+        if best.is_none() {
+            let mut windows = SmallVec::new();
+            self.windows(&aim, limits, reference, &mut windows);
+            for window in &windows {
+                let psi = (window.from + window.to) / 2.0;
+                if let Some((cost, q)) = cost_at(window.branch, psi) {
+                    keep_better(&mut best, cost, q, window.branch, psi);
+                }
+            }
+        }
+        let (mut least, mut q, branch, mut psi) = best?;
+        // Halving steps about the best of the sweep; each keeps to the limits.
+        let mut step = TAU / SWEEP as f64 / 2.0;
+        while step > 1e-4 {
+            let better = [psi - step, psi + step]
+                .into_iter()
+                .filter_map(|psi| cost_at(branch, psi).map(|(cost, q)| (cost, q, psi)))
+                .find(|(cost, ..)| *cost < least);
+            match better {
+                Some((cost, found, at)) => (least, q, psi) = (cost, found, at),
+                None => step /= 2.0,
+            }
+        }
+        Some(q.into_iter().collect())
+    }
+}
+
+fn keep_better(
+    best: &mut Option<(f64, [f64; 7], Branch, f64)>,
+    cost: f64,
+    q: [f64; 7],
+    branch: Branch,
+    psi: f64,
+) {
+    if best.as_ref().is_none_or(|(least, ..)| cost < *least) {
+        *best = Some((cost, q, branch, psi));
+    }
+}
+
+fn branch_of(index: usize) -> Branch {
+    Branch { elbow: index & 1, shoulder: Side::BOTH[index >> 1 & 1], wrist: Side::BOTH[index >> 2 & 1] }
+}
+
+fn branches_of(elbow: usize) -> impl Iterator<Item = Branch> {
+    (0..4).map(move |index| branch_of(index << 1 | elbow))
+}
+
+fn neutral_all(limits: &[JointLimits]) -> [f64; 7] {
+    std::array::from_fn(|joint| neutral(&limits[joint]))
+}
+
+/// The psi of the window, or of it a turn away, that is nearest to 0, a little inside.
+fn nearest_to_zero(window: &Window) -> f64 {
+    let inset = (0.01 * (window.to - window.from)).min(1e-6);
+    let (from, to) = (window.from + inset, window.to - inset);
+    [0.0, TAU]
+        .map(|turn| 0.0_f64.max(from - turn).min(to - turn))
+        .into_iter()
+        .min_by(|a, b| a.abs().total_cmp(&b.abs()))
+        .unwrap_or_default()
+}
+
+fn within_step(q: &[f64; 7], seed: &[f64; 7], max_step: f64) -> bool {
+    q.iter().zip(seed).all(|(a, b)| (a - b).abs() <= max_step)
+}
+
+fn square(q: &[f64; 7], seed: &[f64; 7]) -> f64 {
+    weighted_square(q, seed, &[1.0; 7])
+}
+
+/// Adds `q` unless it is there; how many were added.
+fn push_new(out: &mut Vec<Config>, q: &[f64; 7]) -> usize {
+    let known = out.iter().any(|other| other.iter().zip(q).all(|(a, b)| turn_between(*a, *b) < SAME));
+    if known {
+        return 0;
+    }
+    out.push(q.iter().copied().collect());
+    1
+}

@@ -1,0 +1,349 @@
+//! Closed form for 7R arms with spherical shoulder, revolute elbow and spherical wrist.
+//!
+//! After Shimizu et al. (2008) and Faria et al. (2018), but on axes in space instead of
+//! Denavit-Hartenberg frames, so that link offsets and axis signs of any convention will do: axes 1
+//! to 3 meet in the shoulder S, axes 5 to 7 in the wrist W, and the elbow's axis 4 lies anywhere.
+//! The distance S-W gives the elbow (two values); the arm may still turn about the line S-W by the
+//! arm angle psi; for each psi the shoulder's rotation and the wrist's are split into three angles
+//! in two ways each. So a target has eight branches, each a curve over psi.
+
+use std::f64::consts::TAU;
+
+use nalgebra::{Matrix3, Rotation3};
+use smallvec::SmallVec;
+
+use super::angles::{fit, turn_between};
+use super::euler::{AxisTriple, Side};
+use crate::geometry::{Pose, Vec3};
+use crate::kinematics::JointLimits;
+use crate::kinematics::chain::Chain;
+
+/// Axes count as meeting when they pass each other within this distance (m).
+const MEETING_TOLERANCE: f64 = 1e-7;
+
+/// The structure of such an arm; everything in the root frame at zero.
+#[derive(Debug, Clone)]
+pub(super) struct SphericalSeven {
+    shoulder: AxisTriple,
+    wrist: AxisTriple,
+    shoulder_centre: Vec3,
+    /// The wrist centre in the mount frame.
+    wrist_in_mount: Vec3,
+    /// The mount frame's orientation, inverted.
+    mount_inverse: Matrix3<f64>,
+    elbow_axis: nalgebra::Unit<Vec3>,
+    /// From the shoulder to a point of the elbow's axis, and on to the wrist.
+    upper: Vec3,
+    lower: Vec3,
+    /// |S-W|^2 = `square` + 2 `swing` cos(q4 - `phase`).
+    square: f64,
+    swing: f64,
+    phase: f64,
+}
+
+/// One of the eight branches.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct Branch {
+    /// Index of the elbow solution in [`Aim::elbows`].
+    pub elbow: usize,
+    pub shoulder: Side,
+    pub wrist: Side,
+}
+
+/// A target made ready: all that does not depend on psi.
+#[derive(Debug, Clone)]
+pub(super) struct Aim {
+    pub elbows: [ElbowAim; 2],
+}
+
+/// The target with the elbow at one of its two values: the rotations that shoulder and wrist have
+/// to make, as constant + cos psi * even + sin psi * odd.
+#[derive(Debug, Clone)]
+pub(super) struct ElbowAim {
+    pub q4: f64,
+    shoulder: Swing,
+    wrist: Swing,
+}
+
+/// A matrix that depends on psi.
+#[derive(Debug, Clone)]
+struct Swing {
+    constant: Matrix3<f64>,
+    even: Matrix3<f64>,
+    odd: Matrix3<f64>,
+}
+
+/// A stretch of psi over which one branch stays within the limits.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Window {
+    pub from: f64,
+    pub to: f64,
+    pub branch: Branch,
+}
+
+impl SphericalSeven {
+    /// The structure of `chain`, if it is such an arm.
+    pub fn detect(chain: &Chain) -> Option<Self> {
+        if chain.dof != 7 || !chain.is_plain_revolute() {
+            return None;
+        }
+        let axes = chain.axes_at_zero();
+        let shoulder_centre = common_point(&axes[0..3])?;
+        let wrist_centre = common_point(&axes[4..7])?;
+        let shoulder = AxisTriple::new(&axes[0].0, &axes[1].0, &axes[2].0)?;
+        let wrist = AxisTriple::new(&axes[4].0, &axes[5].0, &axes[6].0)?;
+        let (elbow_axis, elbow) = axes[3];
+        let (upper, lower) = (elbow - shoulder_centre, wrist_centre - elbow);
+        let along = upper.dot(&elbow_axis) * lower.dot(&elbow_axis);
+        let even = upper.dot(&lower) - along;
+        let odd = upper.dot(&elbow_axis.cross(&lower));
+        let swing = even.hypot(odd);
+        if swing < 1e-6 {
+            return None;
+        }
+        let mount = chain.mount_pose(&[0.0; 7]);
+        Some(Self {
+            shoulder,
+            wrist,
+            shoulder_centre,
+            wrist_in_mount: (mount.inverse() * nalgebra::Point3::from(wrist_centre)).coords,
+            mount_inverse: mount.rotation.to_rotation_matrix().matrix().transpose(),
+            elbow_axis: nalgebra::Unit::new_normalize(elbow_axis),
+            upper,
+            lower,
+            square: upper.norm_squared() + lower.norm_squared() + 2.0 * along,
+            swing,
+            phase: odd.atan2(even),
+        })
+    }
+
+    /// Makes `target` (mount frame in the root frame) ready. `reference` fixes where psi is 0: the
+    /// arm then stands as at `reference`, turned by the least rotation that brings the wrist where
+    /// it has to be. `None` when the wrist cannot get there.
+    pub fn aim(&self, target: &Pose, reference: Option<&[f64]>) -> Option<Aim> {
+        let rotation = target.rotation.to_rotation_matrix();
+        let goal = rotation.matrix() * self.mount_inverse;
+        let wrist = rotation.matrix() * self.wrist_in_mount + target.translation.vector;
+        let line = wrist - self.shoulder_centre;
+        let square = line.norm_squared();
+        let cosine = (square - self.square) / (2.0 * self.swing);
+        // Also catches NaN.
+        if !(cosine.abs() <= 1.0 + 1e-12) || square < 1e-12 {
+            return None;
+        }
+        let bend = cosine.clamp(-1.0, 1.0).acos();
+        let direction = line / square.sqrt();
+        let before = reference.map(|q| self.shoulder_rotation(q));
+        let elbow = |q4| self.aim_elbow(q4, &goal, &direction, before.as_ref());
+        Some(Aim { elbows: [elbow(self.phase + bend), elbow(self.phase - bend)] })
+    }
+
+    fn aim_elbow(
+        &self,
+        q4: f64,
+        goal: &Matrix3<f64>,
+        direction: &Vec3,
+        before: Option<&Matrix3<f64>>,
+    ) -> ElbowAim {
+        let bent = *Rotation3::from_axis_angle(&self.elbow_axis, q4).matrix();
+        let unturned = self.upper + bent * self.lower;
+        let start = before.map_or(unturned, |rotation| rotation * unturned);
+        let mut carried = least_rotation(&start, direction);
+        if let Some(rotation) = before {
+            carried *= rotation;
+        }
+        // Turn by psi about d: d d^T + cos psi (1 - d d^T) + sin psi [d]x.
+        let along = direction * direction.transpose();
+        let across = Matrix3::identity() - along;
+        let cross = direction.cross_matrix();
+        let (left, right) = (self.shoulder.frame.transpose(), carried * self.shoulder.end);
+        let shoulder =
+            Swing { constant: left * along * right, even: left * across * right, odd: left * cross * right };
+        let (left, right) = ((carried * bent * self.wrist.frame).transpose(), goal * self.wrist.end);
+        let wrist =
+            Swing { constant: left * along * right, even: left * across * right, odd: -left * cross * right };
+        ElbowAim { q4, shoulder, wrist }
+    }
+
+    /// The rotation that joints 1 to 3 make at `q`.
+    fn shoulder_rotation(&self, q: &[f64]) -> Matrix3<f64> {
+        // In the triple's frame: turns about z, y, z.
+        let turn =
+            |axis: &nalgebra::Unit<Vec3>, angle: f64| *Rotation3::from_axis_angle(axis, angle).matrix();
+        self.shoulder.frame
+            * turn(&Vec3::z_axis(), q[0])
+            * turn(&Vec3::y_axis(), q[1] + self.shoulder.shift)
+            * turn(&Vec3::z_axis(), q[2])
+            * self.shoulder.end.transpose()
+    }
+
+    /// The branches of one elbow at `psi`, before limits; where angles are not determined
+    /// (singular shoulder or wrist), joints 1 and 5 stay at `hold`.
+    pub fn angles(&self, aim: &ElbowAim, psi: f64, hold: &[f64; 7]) -> ElbowAngles {
+        let (sine, cosine) = psi.sin_cos();
+        let shoulder = aim.shoulder.at(cosine, sine);
+        let wrist = aim.wrist.at(cosine, sine);
+        let both = |triple: &AxisTriple, m: &Matrix3<f64>, hold: f64| {
+            Side::BOTH.map(|side| triple.angles(m, side, hold))
+        };
+        ElbowAngles {
+            q4: aim.q4,
+            shoulder: both(&self.shoulder, &shoulder, hold[0]),
+            wrist: both(&self.wrist, &wrist, hold[4]),
+        }
+    }
+
+    /// All windows of psi, in (-pi, pi] and a turn on, within which some branch respects `limits`.
+    /// Exact: each bound of a joint is crossed where an expression linear in cos psi and sin psi
+    /// vanishes.
+    pub fn windows(
+        &self,
+        aim: &Aim,
+        limits: &[JointLimits],
+        near: &[f64; 7],
+        out: &mut SmallVec<[Window; 32]>,
+    ) {
+        out.clear();
+        for (elbow, of_elbow) in aim.elbows.iter().enumerate() {
+            if fit(of_elbow.q4, &limits[3], near[3]).is_none() {
+                continue;
+            }
+            let mut cuts: SmallVec<[f64; 32]> = SmallVec::new();
+            of_elbow.shoulder.limit_crossings(&limits[0..3], self.shoulder.shift, &mut cuts);
+            of_elbow.wrist.limit_crossings(&limits[4..7], self.wrist.shift, &mut cuts);
+            cuts.sort_by(f64::total_cmp);
+            if cuts.is_empty() {
+                cuts.push(-std::f64::consts::PI);
+            }
+            for (index, &from) in cuts.iter().enumerate() {
+                let to = cuts.get(index + 1).copied().unwrap_or(cuts[0] + TAU);
+                if to - from < 1e-12 {
+                    continue;
+                }
+                let angles = self.angles(of_elbow, (from + to) / 2.0, near);
+                for shoulder in Side::BOTH {
+                    for wrist in Side::BOTH {
+                        let branch = Branch { elbow, shoulder, wrist };
+                        if angles.within(branch, limits, near).is_some() {
+                            out.push(Window { from, to, branch });
+                        }
+                    }
+                }
+            }
+        }
+    }
+
+    /// The branch (without its elbow index) on which `q` is.
+    pub fn sides_of(&self, q: &[f64]) -> (Side, Side) {
+        let side = |angle: f64| if angle.sin() >= 0.0 { Side::Positive } else { Side::Negative };
+        (side(q[1] + self.shoulder.shift), side(q[5] + self.wrist.shift))
+    }
+}
+
+impl Aim {
+    /// The elbow solution nearest to `q4`.
+    pub fn nearest_elbow(&self, q4: f64) -> usize {
+        let [first, second] = [0, 1].map(|index| turn_between(self.elbows[index].q4, q4));
+        usize::from(second < first)
+    }
+}
+
+/// Angles of one elbow at one psi.
+#[derive(Debug, Clone)]
+pub(super) struct ElbowAngles {
+    q4: f64,
+    shoulder: [[f64; 3]; 2],
+    wrist: [[f64; 3]; 2],
+}
+
+impl ElbowAngles {
+    /// The configuration of `branch`, each joint within its limits and as near to `near` as
+    /// whole turns allow.
+    pub fn within(&self, branch: Branch, limits: &[JointLimits], near: &[f64; 7]) -> Option<[f64; 7]> {
+        let [a, b, c] = self.shoulder[branch.shoulder as usize];
+        let [d, e, f] = self.wrist[branch.wrist as usize];
+        let mut q = [a, b, c, self.q4, d, e, f];
+        for ((value, limit), near) in q.iter_mut().zip(limits).zip(near) {
+            *value = fit(*value, limit, *near)?;
+        }
+        Some(q)
+    }
+}
+
+impl Swing {
+    fn at(&self, cosine: f64, sine: f64) -> Matrix3<f64> {
+        self.constant + self.even * cosine + self.odd * sine
+    }
+
+    /// Adds every psi at which one of the three angles is at a limit (and maybe some more).
+    fn limit_crossings(&self, limits: &[JointLimits], shift: f64, cuts: &mut SmallVec<[f64; 32]>) {
+        let bounded = |joint: usize| {
+            let limit = &limits[joint];
+            let bounds = [limit.lower, limit.upper];
+            bounds.into_iter().filter(move |_| limit.upper - limit.lower < TAU)
+        };
+        let entry = |row, column| {
+            let index = (row, column);
+            [self.constant[index], self.even[index], self.odd[index]]
+        };
+        for bound in bounded(0) {
+            let (s, c) = bound.sin_cos();
+            vanishing(combine(entry(0, 2), s, entry(1, 2), -c), cuts);
+        }
+        for bound in bounded(1) {
+            let [constant, even, odd] = entry(2, 2);
+            vanishing([constant - (bound + shift).cos(), even, odd], cuts);
+        }
+        for bound in bounded(2) {
+            let (s, c) = bound.sin_cos();
+            vanishing(combine(entry(2, 0), s, entry(2, 1), c), cuts);
+        }
+    }
+}
+
+fn combine(a: [f64; 3], x: f64, b: [f64; 3], y: f64) -> [f64; 3] {
+    [0, 1, 2].map(|i| a[i] * x + b[i] * y)
+}
+
+/// Adds the psi where constant + even cos psi + odd sin psi vanishes.
+fn vanishing([constant, even, odd]: [f64; 3], cuts: &mut SmallVec<[f64; 32]>) {
+    let size = even.hypot(odd);
+    if size < 1e-14 || constant.abs() > size {
+        return;
+    }
+    let phase = odd.atan2(even);
+    let half = (-constant / size).acos();
+    for psi in [phase + half, phase - half] {
+        cuts.push((psi + std::f64::consts::PI).rem_euclid(TAU) - std::f64::consts::PI);
+    }
+}
+
+/// A rotation that turns the direction of `from` into the unit vector `to`, about the axis
+/// perpendicular to both.
+fn least_rotation(from: &Vec3, to: &Vec3) -> Matrix3<f64> {
+    let from = from / from.norm();
+    let cosine = from.dot(to);
+    if cosine < -0.999_999 {
+        // Almost opposite: half a turn about any perpendicular axis, then the rest.
+        let other = if from.x.abs() < 0.6 { Vec3::x() } else { Vec3::y() };
+        let axis = from.cross(&other).normalize();
+        let half_turn = 2.0 * axis * axis.transpose() - Matrix3::identity();
+        return least_rotation(&(half_turn * from), to) * half_turn;
+    }
+    let cross = from.cross(to);
+    let matrix = cross.cross_matrix();
+    Matrix3::identity() + matrix + matrix * matrix / (1.0 + cosine)
+}
+
+/// The point in which all of `axes` (direction, point) meet.
+pub(super) fn common_point(axes: &[(Vec3, Vec3)]) -> Option<Vec3> {
+    let (first, rest) = axes.split_first()?;
+    let (direction, origin) = first;
+    let meeting = rest.iter().find_map(|(other, point)| {
+        let normal = direction.cross(other);
+        let square = normal.norm_squared();
+        (square > 1e-12).then(|| origin + direction * (point - origin).cross(other).dot(&normal) / square)
+    })?;
+    let on_all = axes.iter().all(|(axis, point)| axis.cross(&(meeting - point)).norm() < MEETING_TOLERANCE);
+    on_all.then_some(meeting)
+}
