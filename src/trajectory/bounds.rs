@@ -99,16 +99,21 @@ impl Curve {
     /// Euclidean length of the joint path.
     pub fn arc_length(&self) -> f64 {
         let mut cubics: Vec<Cubic> = Vec::with_capacity(self.joints());
+        let mut cuts: Vec<f64> = Vec::with_capacity(2 + 2 * self.joints());
         let mut length = 0.0;
         for segment in 0..self.segments() {
             cubics.clear();
-            let mut h = 0.0;
-            for joint in 0..self.joints() {
-                let (cubic, duration) = self.cubic(segment, joint);
-                cubics.push(cubic);
-                h = duration;
+            cubics.extend((0..self.joints()).map(|joint| self.cubic(segment, joint).0));
+            let h = self.points()[segment + 1].t - self.points()[segment].t;
+            // The speed has kinks only where joints stand still.
+            cuts.clear();
+            cuts.extend([0.0, h]);
+            cuts.extend(cubics.iter().flat_map(Cubic::standstills).filter(|t| *t > 0.0 && *t < h));
+            cuts.sort_by(f64::total_cmp);
+            for part in cuts.windows(2) {
+                length +=
+                    refined_length(&cubics, part[0], part[1], gauss_length(&cubics, part[0], part[1]), 0);
             }
-            length += refined_length(&cubics, 0.0, h, gauss_length(&cubics, 0.0, h), 0);
         }
         length
     }

@@ -15,7 +15,7 @@ use super::profile::{SHORTEST_PHASE_S, travel_time};
 use crate::kinematics::JointLimits;
 
 /// Sweeps over all corners after the two passes.
-const SWEEPS: usize = 3;
+const SWEEPS: usize = 2;
 
 /// How a corner is taken; all zero is a stop.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]

@@ -32,18 +32,21 @@ impl Cubic {
     pub(super) fn position_range(&self, from: f64, to: f64) -> (f64, f64) {
         let (a, b) = (self.position(from), self.position(to));
         let mut range = (a.min(b), a.max(b));
-        // Zeros of v0 + 2 c2 t + 3 c3 t^2, by the form that stays exact as c3 goes to zero.
-        let discriminant = self.c2 * self.c2 - 3.0 * self.c3 * self.v0;
-        if discriminant >= 0.0 {
-            let sum = -(self.c2 + discriminant.sqrt().copysign(self.c2));
-            for zero in [sum / (3.0 * self.c3), self.v0 / sum] {
-                if zero > from && zero < to {
-                    let at = self.position(zero);
-                    range = (range.0.min(at), range.1.max(at));
-                }
+        for zero in self.standstills() {
+            if zero > from && zero < to {
+                let at = self.position(zero);
+                range = (range.0.min(at), range.1.max(at));
             }
         }
         range
+    }
+
+    /// The real zeros of the velocity wherever they are; not finite where there is none.
+    pub(super) fn standstills(&self) -> [f64; 2] {
+        // v0 + 2 c2 t + 3 c3 t^2, by the form that stays exact as c3 goes to zero.
+        let discriminant = self.c2 * self.c2 - 3.0 * self.c3 * self.v0;
+        let sum = -(self.c2 + discriminant.sqrt().copysign(self.c2));
+        [sum / (3.0 * self.c3), self.v0 / sum]
     }
 
     /// Greatest |velocity| on `[from, to]`.

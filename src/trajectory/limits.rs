@@ -80,7 +80,7 @@ impl Curve {
 
 /// Whether `value` is above `limit`; a NaN on either side counts.
 fn exceeds(value: f64, limit: f64) -> bool {
-    !(value <= limit)
+    value > limit || value.is_nan() || limit.is_nan()
 }
 
 fn position(joint: usize, t: f64, low: f64, high: f64, limits: &JointLimits) -> Result<(), LimitViolation> {

@@ -22,3 +22,6 @@ pub use curve::{Curve, CurveError, CurvePoint, MIN_SPACING_S};
 pub use limits::{LimitKind, LimitViolation};
 pub use profile::minimum_time;
 pub use time_path::{TimingError, time_path};
+
+#[cfg(test)]
+mod tests;

@@ -113,8 +113,11 @@ impl Polyline {
         if square <= 0.0 {
             return None;
         }
-        let ends = [self.tolerances[from], self.tolerances[to]].into_iter().filter(|t| *t > 0.0);
-        let allowed = ends.fold(f64::INFINITY, f64::min);
+        // The blends at the ends may pass a dropped waypoint at their own tolerance; where an end
+        // is a stop there is no blend.
+        let ends = [self.tolerances[from], self.tolerances[to]];
+        let widest = ends[0].max(ends[1]);
+        let allowed = ends.into_iter().filter(|t| *t > 0.0).fold(f64::INFINITY, f64::min);
         let (mut at, mut cost) = (0.0, 0.0_f64);
         for between in from + 1..to {
             let point = &path[self.waypoints[between]];
@@ -128,7 +131,8 @@ impl Polyline {
             at = fraction;
             let off = a.iter().zip(b).zip(point).map(|((x, y), p)| (x + fraction * (y - x) - p).abs());
             let off = off.fold(0.0, f64::max);
-            if off > DROP_SHARE * allowed.min(self.tolerances[between]) {
+            let own = self.tolerances[between];
+            if own < widest || off > DROP_SHARE * allowed.min(own) {
                 return None;
             }
             cost = cost.max(off);
