@@ -23,4 +23,5 @@ pub mod problem;
 pub mod run;
 pub mod trajectory;
 pub mod wire;
+pub mod verify;
 pub mod workcell;

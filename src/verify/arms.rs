@@ -1,0 +1,89 @@
+//! All arms with their curves: where tool and links are at a time.
+
+use super::chain::Chain;
+use super::curve::Curve;
+use super::gap::Frame;
+use crate::workcell::ArmId;
+
+/// The arms in motion. Holds scratch memory, hence the `&mut self` of queries.
+#[derive(Debug)]
+pub(super) struct Arms {
+    chains: Vec<Chain>,
+    curves: Vec<Curve>,
+    q: Vec<f64>,
+    excursions: Vec<f64>,
+    frames: Vec<Frame>,
+}
+
+/// Where an arm's TCP is in the middle of a time interval, and how far it can get from there.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct ToolMotion {
+    /// The TCP frame in the world at the middle.
+    pub tcp: Frame,
+    /// How far its origin can get from there (m).
+    pub shift: f64,
+    /// How far it can turn (rad).
+    pub turn: f64,
+}
+
+impl Arms {
+    /// One chain and one curve per arm.
+    pub(super) fn new(chains: Vec<Chain>, curves: Vec<Curve>) -> Self {
+        Self { chains, curves, q: Vec::new(), excursions: Vec::new(), frames: Vec::new() }
+    }
+
+    /// The end of the plan (s).
+    pub(super) fn duration(&self) -> f64 {
+        self.curves.iter().map(Curve::duration).fold(0.0, f64::max)
+    }
+
+    /// Number of arms.
+    pub(super) fn len(&self) -> usize {
+        self.chains.len()
+    }
+
+    /// An arm's curve.
+    pub(super) fn curve(&self, arm: ArmId) -> &Curve {
+        &self.curves[arm.0]
+    }
+
+    /// All curves.
+    pub(super) fn curves(&self) -> &[Curve] {
+        &self.curves
+    }
+
+    /// An arm's chain.
+    pub(super) fn chain(&self, arm: usize) -> &Chain {
+        &self.chains[arm]
+    }
+
+    /// The TCP frame in the world at `t`.
+    pub(super) fn tcp(&mut self, arm: ArmId, t: f64) -> Frame {
+        let chain = &self.chains[arm.0];
+        self.curves[arm.0].position(t, &mut self.q);
+        chain.frames(&self.q, &mut self.frames);
+        chain.tcp_frame(&self.frames)
+    }
+
+    /// The TCP in the middle of `[a, b]` and its motion over it.
+    pub(super) fn tool_motion(&mut self, arm: ArmId, a: f64, b: f64) -> ToolMotion {
+        let (chain, curve) = (&self.chains[arm.0], &self.curves[arm.0]);
+        curve.position(0.5 * (a + b), &mut self.q);
+        curve.excursions(a, b, &self.q, &mut self.excursions);
+        chain.frames(&self.q, &mut self.frames);
+        let tcp = chain.tcp_frame(&self.frames);
+        let mut bounds = vec![0.0; chain.depth(chain.mount()) + 1];
+        chain.motion_bounds(chain.mount(), &tcp.position, 0.0, &self.frames, &self.excursions, &mut bounds);
+        let shift = bounds.first().copied().unwrap_or(0.0);
+        ToolMotion { tcp, shift, turn: chain.turn_bound(&self.excursions) }
+    }
+
+    /// The frames of all nodes of `arm` in the middle of `[a, b]`, and for every joint how far it
+    /// gets from its value there.
+    pub(super) fn place(&mut self, arm: usize, a: f64, b: f64, frames: &mut Vec<Frame>, excursions: &mut Vec<f64>) {
+        let curve = &self.curves[arm];
+        curve.position(0.5 * (a + b), &mut self.q);
+        curve.excursions(a, b, &self.q, excursions);
+        self.chains[arm].frames(&self.q, frames);
+    }
+}

@@ -1,0 +1,430 @@
+//! Continuous collision: that no pair of bodies overlaps at any time, with a proof.
+//!
+//! Time is cut where the set of exempt pairs changes. On an interval, the distance of two bodies
+//! in its middle less the most that either can have moved from there bounds their distance
+//! throughout; where that does not clear the pair, the interval is halved. Every arm's frames are
+//! computed once per interval for all pairs that are still open there.
+
+use super::arms::Arms;
+use super::custody::{Custody, Timeline};
+use super::gap::{Frame, gap, lower_along};
+use super::scene::{Owner, Pair, Scene};
+use super::straight::Window;
+use super::structure::SAME_TIME;
+use super::verdict::{Clearance, Report, Rule};
+use crate::geometry::Vec3;
+
+/// Contact is an overlap deeper than this (m).
+const TOLERANCE: f64 = 2e-3;
+/// What is still open at a motion bound of this (m) is undecided.
+const UNDECIDED: f64 = 1e-4;
+/// The least clearance is found to this (m).
+const CLEARANCE_STEP: f64 = 1e-3;
+/// Overlaps are followed down to intervals of this length (s), for their start and depth.
+const FOLLOW: f64 = 0.01;
+/// No interval is halved below this length (s).
+const SHORTEST: f64 = 1e-9;
+/// The most work before the judge gives up, in units of about 5 ns.
+const MAX_WORK: u64 = 4_000_000_000;
+/// What a query, and an arm's frames, cost in these units.
+const QUERY_WORK: u64 = 60;
+const FRAMES_WORK: u64 = 100;
+/// Pairs of bodies of more parts than this do without remembered axes.
+const MAX_AXES: usize = 64;
+
+/// An overlap of two bodies.
+#[derive(Debug, Clone, Copy)]
+struct Overlap {
+    bodies: (usize, usize),
+    /// The parts that overlap most.
+    parts: (usize, usize),
+    first: f64,
+    deepest: f64,
+    depth: f64,
+    decided: bool,
+}
+
+/// The closest that a counted pair was seen.
+#[derive(Debug, Clone, Copy)]
+struct Closest {
+    distance: f64,
+    t: f64,
+    bodies: (usize, usize),
+    parts: (usize, usize),
+}
+
+/// What is known of two bodies at the middle of an interval.
+#[derive(Debug, Clone, Copy)]
+struct Apart {
+    lower: f64,
+    estimate: f64,
+    parts: (usize, usize),
+}
+
+/// Where one body is at the middle of an interval.
+#[derive(Debug, Clone)]
+struct Place {
+    /// For which interval this holds.
+    stamp: u64,
+    frame: Frame,
+    centre: Vec3,
+    /// Motion bounds, as [`super::chain::Chain::motion_bounds`] gives them.
+    bounds: Vec<f64>,
+}
+
+/// Where one arm is at the middle of an interval.
+#[derive(Debug, Clone, Default)]
+struct ArmPlace {
+    stamp: u64,
+    frames: Vec<Frame>,
+    excursions: Vec<f64>,
+}
+
+struct Inspector<'a, 'p> {
+    scene: &'a Scene<'p>,
+    arms: &'a mut Arms,
+    custody: Vec<Custody>,
+    pairs: Vec<Pair>,
+    /// By pair: where its axes start in `axes`.
+    axes_at: Vec<Option<usize>>,
+    axes: Vec<Vec3>,
+    places: Vec<Place>,
+    arm_places: Vec<ArmPlace>,
+    stamp: u64,
+    spare: Vec<Vec<usize>>,
+    overlaps: Vec<Overlap>,
+    closest: Option<Closest>,
+    work: u64,
+}
+
+/// Certifies the whole time; reports what overlaps, and gives the least clearance.
+pub(super) fn check(
+    scene: &Scene<'_>,
+    timeline: &Timeline<'_>,
+    windows: &[Window],
+    arms: &mut Arms,
+    report: &mut Report,
+) -> Option<Clearance> {
+    let cuts = cut_times(timeline, windows, arms.duration());
+    let objects = timeline.spells.len();
+    let place = Place { stamp: 0, frame: Frame::identity(), centre: Vec3::zeros(), bounds: Vec::new() };
+    let mut inspector = Inspector {
+        scene,
+        custody: Vec::new(),
+        pairs: scene.standing.clone(),
+        axes_at: Vec::new(),
+        axes: Vec::new(),
+        places: vec![place; scene.bodies.len()],
+        arm_places: vec![ArmPlace::default(); arms.len()],
+        arms,
+        stamp: 0,
+        spare: Vec::new(),
+        overlaps: Vec::new(),
+        closest: None,
+        work: 0,
+    };
+    inspector.remember_axes(0);
+    let (standing, standing_axes) = (inspector.pairs.len(), inspector.axes.len());
+    for seeding in [true, false] {
+        for phase in cuts.windows(2) {
+            let &[from, to] = phase else { continue };
+            let middle = 0.5 * (from + to);
+            inspector.pairs.truncate(standing);
+            inspector.axes_at.truncate(standing);
+            inspector.axes.truncate(standing_axes);
+            inspector.custody.clear();
+            inspector.custody.extend((0..objects).map(|object| timeline.at(object, middle)));
+            let open: Vec<Window> =
+                windows.iter().filter(|w| w.from <= middle && middle <= w.to).copied().collect();
+            let arms = &*inspector.arms;
+            scene.object_pairs(&inspector.custody, &open, |arm| arms.chain(arm), &mut inspector.pairs);
+            inspector.remember_axes(standing);
+            if seeding {
+                inspector.seed(from);
+                inspector.seed(to);
+                continue;
+            }
+            let all: Vec<usize> = (0..inspector.pairs.len()).collect();
+            if !inspector.certify(from, to, &all) {
+                let message = "the judge gave up on contacts: too much motion close to other bodies";
+                report.add(Rule::TooLarge, Some(from), &[], 0.0, message);
+                break;
+            }
+        }
+    }
+    inspector.conclude(report)
+}
+
+/// The times at which the set of pairs changes, from 0 to the end.
+fn cut_times(timeline: &Timeline<'_>, windows: &[Window], end: f64) -> Vec<f64> {
+    let mut cuts = vec![0.0, end];
+    cuts.extend(timeline.spells.iter().flatten().map(|spell| spell.from));
+    cuts.extend(windows.iter().flat_map(|window| [window.from, window.to]));
+    cuts.retain(|t| (0.0..=end).contains(t));
+    cuts.sort_by(f64::total_cmp);
+    cuts.dedup_by(|later, earlier| *later - *earlier <= SAME_TIME);
+    cuts
+}
+
+impl Inspector<'_, '_> {
+    /// Makes room for the axes of the pairs from `first` on.
+    fn remember_axes(&mut self, first: usize) {
+        for pair in &self.pairs[first..] {
+            let count = self.scene.bodies[pair.a].parts.len() * self.scene.bodies[pair.b].parts.len();
+            if count <= MAX_AXES {
+                self.axes_at.push(Some(self.axes.len()));
+                self.axes.resize(self.axes.len() + count, Vec3::zeros());
+            } else {
+                self.axes_at.push(None);
+            }
+        }
+    }
+
+    /// Brings `places[body]` to the middle of `[a, b]`.
+    fn place(&mut self, body: usize, a: f64, b: f64) {
+        if self.places[body].stamp == self.stamp {
+            return;
+        }
+        let it = &self.scene.bodies[body];
+        let (carrier, grip) = match it.owner {
+            Owner::Arm { arm, node } => (Some((arm, node)), None),
+            Owner::Obstacle(_) => (None, None),
+            Owner::Object(object) => match self.custody[object] {
+                Custody::Resting { .. } => (None, None),
+                Custody::Held { arm, grip } => {
+                    let chain = self.arms.chain(arm.0);
+                    (Some((arm.0, chain.mount())), Some(chain.tcp().compose(&grip)))
+                }
+            },
+        };
+        let place = &mut self.places[body];
+        place.stamp = self.stamp;
+        let Some((arm, node)) = carrier else {
+            place.frame = match it.owner {
+                Owner::Obstacle(obstacle) => Frame::of(self.scene.obstacle_pose(obstacle)),
+                Owner::Object(object) => match self.custody[object] {
+                    Custody::Resting { frame, .. } => frame,
+                    Custody::Held { .. } => place.frame,
+                },
+                Owner::Arm { .. } => place.frame,
+            };
+            place.centre = place.frame.apply(&it.centre);
+            place.bounds.clear();
+            place.bounds.push(0.0);
+            return;
+        };
+        let arm_place = &mut self.arm_places[arm];
+        if arm_place.stamp != self.stamp {
+            arm_place.stamp = self.stamp;
+            self.work += FRAMES_WORK;
+            self.arms.place(arm, a, b, &mut arm_place.frames, &mut arm_place.excursions);
+        }
+        let chain = self.arms.chain(arm);
+        place.frame = match grip {
+            Some(grip) => arm_place.frames[node].compose(&grip),
+            None => arm_place.frames[node],
+        };
+        place.centre = place.frame.apply(&it.centre);
+        place.bounds.resize(chain.depth(node) + 1, 0.0);
+        chain.motion_bounds(
+            node,
+            &place.centre,
+            it.radius,
+            &arm_place.frames,
+            &arm_place.excursions,
+            &mut place.bounds,
+        );
+    }
+
+    /// The distance of a pair in the middle, exact enough to see that it exceeds `enough` or how
+    /// much it is below.
+    fn apart(&mut self, index: usize, enough: f64) -> Apart {
+        let pair = self.pairs[index];
+        let (a, b) = (&self.scene.bodies[pair.a], &self.scene.bodies[pair.b]);
+        let (at, other_at) = (self.places[pair.a].frame, self.places[pair.b].frame);
+        let mut apart = Apart { lower: f64::INFINITY, estimate: f64::INFINITY, parts: (0, 0) };
+        let centres: Vec<Vec3> = if a.parts.len() * b.parts.len() > 1 {
+            b.parts.iter().map(|part| other_at.apply(&part.centre)).collect()
+        } else {
+            Vec::new()
+        };
+        for (i, part) in a.parts.iter().enumerate() {
+            let centre = at.apply(&part.centre);
+            for (j, other) in b.parts.iter().enumerate() {
+                self.work += 1;
+                if let Some(other_centre) = centres.get(j) {
+                    let far = (centre - other_centre).norm() - part.radius - other.radius;
+                    if far > enough {
+                        apart.lower = apart.lower.min(far);
+                        continue;
+                    }
+                }
+                let slot = self.axes_at[index].map(|start| start + i * b.parts.len() + j);
+                if let Some(slot) = slot
+                    && self.axes[slot] != Vec3::zeros()
+                {
+                    let far = lower_along(part, &at, other, &other_at, &self.axes[slot]);
+                    if far > enough {
+                        apart.lower = apart.lower.min(far);
+                        continue;
+                    }
+                }
+                self.work += QUERY_WORK;
+                let found = gap(part, &at, other, &other_at, enough);
+                if let Some(slot) = slot {
+                    self.axes[slot] = found.axis;
+                }
+                apart.lower = apart.lower.min(found.lower);
+                if found.estimate < apart.estimate {
+                    apart.estimate = found.estimate;
+                    apart.parts = (i, j);
+                }
+            }
+        }
+        apart.estimate = apart.estimate.max(apart.lower);
+        apart
+    }
+
+    /// A first idea of the least clearance, from one instant.
+    fn seed(&mut self, t: f64) {
+        self.stamp += 1;
+        for index in 0..self.pairs.len() {
+            if self.pairs[index].counted {
+                self.look_closer(index, t);
+            }
+        }
+    }
+
+    /// Takes note of a counted pair at the instant `t` alone, if it is the closest so far.
+    fn look_closer(&mut self, index: usize, t: f64) {
+        let pair = self.pairs[index];
+        self.place(pair.a, t, t);
+        self.place(pair.b, t, t);
+        self.work += 1;
+        let least = self.closest.map_or(f64::INFINITY, |closest| closest.distance);
+        if self.ball_distance(&pair) < least {
+            let apart = self.apart(index, least);
+            self.note(&pair, &apart, t);
+        }
+    }
+
+    /// Remembers the closest counted pair.
+    fn note(&mut self, pair: &Pair, apart: &Apart, t: f64) {
+        let least = self.closest.map_or(f64::INFINITY, |closest| closest.distance);
+        if pair.counted && apart.estimate < least {
+            let bodies = (pair.a, pair.b);
+            self.closest = Some(Closest { distance: apart.estimate, t, bodies, parts: apart.parts });
+        }
+    }
+
+    fn ball_distance(&self, pair: &Pair) -> f64 {
+        let offset = self.places[pair.a].centre - self.places[pair.b].centre;
+        offset.norm() - self.scene.bodies[pair.a].radius - self.scene.bodies[pair.b].radius
+    }
+
+    /// Certifies the pairs in `open` over `[from, to]`; `false` when the work became too much.
+    fn certify(&mut self, from: f64, to: f64, open: &[usize]) -> bool {
+        self.stamp += 1;
+        let middle = 0.5 * (from + to);
+        let mut still_open = self.spare.pop().unwrap_or_default();
+        still_open.clear();
+        self.work += open.len() as u64;
+        for &index in open {
+            let pair = self.pairs[index];
+            self.place(pair.a, from, to);
+            self.place(pair.b, from, to);
+            let bound = |place: &Place| place.bounds.get(pair.common).copied().unwrap_or(0.0);
+            let motion = bound(&self.places[pair.a]) + bound(&self.places[pair.b]);
+            let least = self.closest.map_or(f64::INFINITY, |closest| closest.distance);
+            // Counted pairs are followed further where they may come closer than any before.
+            let target =
+                if pair.counted { (least - CLEARANCE_STEP).max(-TOLERANCE) } else { -TOLERANCE };
+            let far = self.ball_distance(&pair);
+            if far - motion > target {
+                continue;
+            }
+            // While the motion is large against the bodies, looking closely is in vain.
+            let reach = self.scene.bodies[pair.a].radius.min(self.scene.bodies[pair.b].radius);
+            if motion > far.max(0.0) + reach && to - from > FOLLOW {
+                still_open.push(index);
+                continue;
+            }
+            let enough = if pair.counted { (target + motion).max(least) } else { target + motion };
+            let apart = self.apart(index, enough);
+            self.note(&pair, &apart, middle);
+            if apart.lower - motion > target {
+                continue;
+            }
+            if apart.lower - motion > -TOLERANCE {
+                // Free of contact; only the clearance asks for more.
+                if motion > CLEARANCE_STEP {
+                    still_open.push(index);
+                }
+            } else if apart.estimate <= -TOLERANCE {
+                self.overlap(&pair, &apart, middle, true);
+                if to - from > FOLLOW && motion > UNDECIDED {
+                    still_open.push(index);
+                }
+            } else if motion <= UNDECIDED || to - from <= SHORTEST {
+                self.overlap(&pair, &apart, middle, false);
+            } else {
+                still_open.push(index);
+            }
+        }
+        let done = if self.work > MAX_WORK {
+            false
+        } else {
+            still_open.is_empty()
+                || (self.certify(from, middle, &still_open) && self.certify(middle, to, &still_open))
+        };
+        self.spare.push(still_open);
+        done
+    }
+
+    /// Remembers an overlap; one for each pair of bodies.
+    fn overlap(&mut self, pair: &Pair, apart: &Apart, t: f64, decided: bool) {
+        let bodies = (pair.a, pair.b);
+        let depth = -apart.estimate;
+        if let Some(known) = self.overlaps.iter_mut().find(|known| known.bodies == bodies) {
+            known.first = known.first.min(t);
+            known.decided |= decided;
+            if depth > known.depth {
+                (known.depth, known.deepest, known.parts) = (depth, t, apart.parts);
+            }
+        } else {
+            let parts = apart.parts;
+            self.overlaps.push(Overlap { bodies, parts, first: t, deepest: t, depth, decided });
+        }
+    }
+
+    /// The names of a pair's parts.
+    fn names(&self, bodies: (usize, usize), parts: (usize, usize)) -> [String; 2] {
+        let name = |body: usize, part: usize| self.scene.bodies[body].names.get(part).cloned().unwrap_or_default();
+        [name(bodies.0, parts.0), name(bodies.1, parts.1)]
+    }
+
+    /// Reports the overlaps and gives the least clearance.
+    fn conclude(self, report: &mut Report) -> Option<Clearance> {
+        for overlap in &self.overlaps {
+            let names = self.names(overlap.bodies, overlap.parts);
+            let bodies = [names[0].as_str(), names[1].as_str()];
+            let (rule, message) = if overlap.decided {
+                let message =
+                    format!("they overlap by {:.2} mm at t={:.3} s", overlap.depth * 1e3, overlap.deepest);
+                (Rule::Collision, message)
+            } else {
+                let message = format!(
+                    "at a distance of {:.2} mm it cannot be shown that they do not overlap by more than 2 mm",
+                    -overlap.depth * 1e3
+                );
+                (Rule::CollisionUndecided, message)
+            };
+            report.add(rule, Some(overlap.first), &bodies, overlap.depth, message);
+        }
+        self.closest.map(|closest| Clearance {
+            distance_m: closest.distance,
+            t: closest.t,
+            bodies: self.names(closest.bodies, closest.parts),
+        })
+    }
+}
