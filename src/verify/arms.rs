@@ -47,11 +47,6 @@ impl Arms {
         &self.curves[arm.0]
     }
 
-    /// All curves.
-    pub(super) fn curves(&self) -> &[Curve] {
-        &self.curves
-    }
-
     /// An arm's chain.
     pub(super) fn chain(&self, arm: usize) -> &Chain {
         &self.chains[arm]
@@ -80,7 +75,14 @@ impl Arms {
 
     /// The frames of all nodes of `arm` in the middle of `[a, b]`, and for every joint how far it
     /// gets from its value there.
-    pub(super) fn place(&mut self, arm: usize, a: f64, b: f64, frames: &mut Vec<Frame>, excursions: &mut Vec<f64>) {
+    pub(super) fn place(
+        &mut self,
+        arm: usize,
+        a: f64,
+        b: f64,
+        frames: &mut Vec<Frame>,
+        excursions: &mut Vec<f64>,
+    ) {
         let curve = &self.curves[arm];
         curve.position(0.5 * (a + b), &mut self.q);
         curve.excursions(a, b, &self.q, excursions);

@@ -337,8 +337,7 @@ impl Inspector<'_, '_> {
             let motion = bound(&self.places[pair.a]) + bound(&self.places[pair.b]);
             let least = self.closest.map_or(f64::INFINITY, |closest| closest.distance);
             // Counted pairs are followed further where they may come closer than any before.
-            let target =
-                if pair.counted { (least - CLEARANCE_STEP).max(-TOLERANCE) } else { -TOLERANCE };
+            let target = if pair.counted { (least - CLEARANCE_STEP).max(-TOLERANCE) } else { -TOLERANCE };
             let far = self.ball_distance(&pair);
             if far - motion > target {
                 continue;
@@ -399,7 +398,8 @@ impl Inspector<'_, '_> {
 
     /// The names of a pair's parts.
     fn names(&self, bodies: (usize, usize), parts: (usize, usize)) -> [String; 2] {
-        let name = |body: usize, part: usize| self.scene.bodies[body].names.get(part).cloned().unwrap_or_default();
+        let name =
+            |body: usize, part: usize| self.scene.bodies[body].names.get(part).cloned().unwrap_or_default();
         [name(bodies.0, parts.0), name(bodies.1, parts.1)]
     }
 

@@ -11,7 +11,7 @@ use super::gap::Frame;
 use super::motion_limits::REST_SPEED;
 use super::resting;
 use super::structure::SAME_TIME;
-use super::verdict::{Report, Rule};
+use super::verdict::{Report, Rule, beyond};
 use crate::geometry::{Pose, Vec3};
 use crate::plan::{Action, ActionKind, Plan};
 use crate::problem::{GoalPlacement, InitialPlacement, Problem};
@@ -107,9 +107,10 @@ pub(super) fn check_steps(problem: &Problem, plan: &Plan, report: &mut Report) {
     for step in plan.actions.chunk_by(|a, b| a.step == b.step) {
         for (index, action) in step.iter().enumerate() {
             for earlier in &step[..index] {
-                let shared = hands(&action.kind).into_iter().flatten().find(|arm| {
-                    hands(&earlier.kind).contains(&Some(*arm))
-                });
+                let shared = hands(&action.kind)
+                    .into_iter()
+                    .flatten()
+                    .find(|arm| hands(&earlier.kind).contains(&Some(*arm)));
                 if let Some(arm) = shared {
                     let id = problem.workcell.arms[arm.0].id.as_str();
                     let message = format!("the arm takes part in two actions of step {}", action.step);
@@ -203,8 +204,9 @@ impl State<'_> {
                 })
                 .count();
             if entering > 0 && standing + entering > capacity {
-                let message =
-                    format!("{standing} objects stand there and {entering} enter; its capacity is {capacity}");
+                let message = format!(
+                    "{standing} objects stand there and {entering} enter; its capacity is {capacity}"
+                );
                 let over = (standing + entering - capacity) as f64;
                 self.report.add(Rule::Capacity, step.first().map(|a| a.t), &[&surface.id], over, message);
             }
@@ -218,16 +220,16 @@ impl State<'_> {
         let end = self.arms.duration();
         for arm in arms() {
             let peak = self.arms.curve(arm).peak_speed(action.t, action.t);
-            if !(peak.value < REST_SPEED) {
+            if beyond(peak.value, REST_SPEED) {
                 let message = format!("a joint moves at {:.3e} when the action happens", peak.value);
                 self.fault(Rule::RestAtAction, action, arm, peak.value, message);
                 continue;
             }
-            if !(dwell > 0.0) {
+            if dwell <= 0.0 {
                 continue;
             }
             let peak = self.arms.curve(arm).peak_speed(action.t, (action.t + dwell).min(end));
-            if !(peak.value < REST_SPEED) || action.t + dwell > end + SAME_TIME {
+            if beyond(peak.value, REST_SPEED) || action.t + dwell > end + SAME_TIME {
                 let message = format!("the arm must rest for {dwell} s after the action");
                 self.fault(Rule::Dwell, action, arm, peak.value, message);
             }
@@ -307,9 +309,10 @@ impl State<'_> {
 
     /// Who releases an object holds it, at the stated pose. Gives the real pose in the TCP frame.
     fn check_held(&mut self, action: &Action, arm: ArmId, stated: &Pose) -> Option<Frame> {
-        let Some(Custody::Held { arm: holder, grip }) = self.custody(action.object).filter(
-            |custody| matches!(custody, Custody::Held { arm: holder, .. } if *holder == arm),
-        ) else {
+        let Some(Custody::Held { arm: holder, grip }) = self
+            .custody(action.object)
+            .filter(|custody| matches!(custody, Custody::Held { arm: holder, .. } if *holder == arm))
+        else {
             self.fault(Rule::HandEmpty, action, arm, 0.0, "the arm does not hold the object".to_owned());
             return None;
         };
@@ -382,7 +385,10 @@ pub(super) fn check_goal(problem: &Problem, timeline: &Timeline<'_>, end: f64, r
                 let turn = least_turn(object, &wanted, &frame);
                 if !within(off, turn) {
                     let degrees = turn.to_degrees();
-                    fault(off, format!("the object ends {:.2} mm and {degrees:.2} degrees off its goal", off * 1e3));
+                    fault(
+                        off,
+                        format!("the object ends {:.2} mm and {degrees:.2} degrees off its goal", off * 1e3),
+                    );
                 }
             }
         }

@@ -1,7 +1,7 @@
 //! The plan's figures, computed anew and compared with what it states.
 
 use super::curve::Curve;
-use super::verdict::{Figures, Report, Rule};
+use super::verdict::{Figures, Report, Rule, beyond};
 use crate::plan::Plan;
 
 /// Relative tolerance of stated figures.
@@ -25,7 +25,7 @@ pub(super) fn check(plan: &Plan, figures: &Figures, report: &mut Report) {
     let stated = &plan.metrics;
     let mut compare = |name: &str, stated: f64, real: f64| {
         let off = (stated - real).abs();
-        if !(off <= TOLERANCE * real.abs() + 1e-9) {
+        if beyond(off, TOLERANCE * real.abs() + 1e-9) {
             let message = format!("{name} is stated as {stated}, and is {real}");
             report.add(Rule::Metrics, None, &[], off, message);
         }

@@ -1,7 +1,7 @@
 //! The limits of single arms: start, rest at the ends, range, speed, acceleration, home.
 
 use super::curve::Curve;
-use super::verdict::{Report, Rule};
+use super::verdict::{Report, Rule, beyond};
 use crate::plan::Plan;
 use crate::problem::Problem;
 
@@ -21,21 +21,21 @@ pub(super) fn check(problem: &Problem, plan: &Plan, curves: &[Curve], report: &m
         let (Some(first), Some(last)) = (points.first(), points.last()) else { continue };
         if let Some(start) = problem.initial_joints.get(index) {
             let off = farthest(&first.q, start);
-            if !(off <= POSITION_TOLERANCE) {
+            if beyond(off, POSITION_TOLERANCE) {
                 let message = format!("a joint starts {off:.3e} away from its initial value");
                 report.add(Rule::Start, Some(0.0), &[&arm.id], off, message);
             }
         }
         if problem.options.return_home {
             let off = farthest(&last.q, &arm.home);
-            if !(off <= POSITION_TOLERANCE) {
+            if beyond(off, POSITION_TOLERANCE) {
                 let message = format!("a joint ends {off:.3e} away from home");
                 report.add(Rule::ReturnHome, Some(last.t), &[&arm.id], off, message);
             }
         }
         for point in [first, last] {
             let speed = point.qd.iter().fold(0.0_f64, |most, v| most.max(v.abs()));
-            if !(speed < REST_SPEED) {
+            if beyond(speed, REST_SPEED) {
                 let message = format!("a joint moves at {speed:.3e} where the arm should rest");
                 report.add(Rule::RestAtEnds, Some(point.t), &[&arm.id], speed, message);
             }
@@ -43,7 +43,7 @@ pub(super) fn check(problem: &Problem, plan: &Plan, curves: &[Curve], report: &m
         for (joint, limits) in arm.limits.iter().enumerate().take(arm.model.dof()) {
             let name = &arm.model.joints[joint].name;
             let (outside, t) = curve.peak_outside(joint, limits.lower, limits.upper, POSITION_TOLERANCE);
-            if !(outside.value <= POSITION_TOLERANCE) {
+            if beyond(outside.value, POSITION_TOLERANCE) {
                 let message = format!(
                     "{name} leaves its range [{}, {}] by {:.3e}, most at t={:.3} s",
                     limits.lower, limits.upper, outside.value, outside.t
@@ -52,7 +52,7 @@ pub(super) fn check(problem: &Problem, plan: &Plan, curves: &[Curve], report: &m
             }
             let bound = limits.velocity * (1.0 + VELOCITY_TOLERANCE);
             let (speed, t) = curve.peak_joint_speed(joint, bound);
-            if !(speed.value <= bound) {
+            if beyond(speed.value, bound) {
                 let message = format!(
                     "{name} reaches a speed of {:.5}, limit {}, most at t={:.3} s",
                     speed.value, limits.velocity, speed.t
@@ -61,7 +61,7 @@ pub(super) fn check(problem: &Problem, plan: &Plan, curves: &[Curve], report: &m
             }
             let bound = limits.acceleration * (1.0 + ACCELERATION_TOLERANCE);
             let (acceleration, t) = curve.peak_joint_acceleration(joint, bound);
-            if !(acceleration.value <= bound) {
+            if beyond(acceleration.value, bound) {
                 let message = format!(
                     "{name} reaches an acceleration of {:.5}, limit {}, most at t={:.3} s",
                     acceleration.value, limits.acceleration, acceleration.t
@@ -69,7 +69,15 @@ pub(super) fn check(problem: &Problem, plan: &Plan, curves: &[Curve], report: &m
                 let excess = acceleration.value - limits.acceleration;
                 report.add(Rule::AccelerationLimit, Some(t), &[&arm.id], excess, message);
             }
-            check_stated_acceleration(plan, index, joint, limits.acceleration, (&arm.id, name), curve, report);
+            check_stated_acceleration(
+                plan,
+                index,
+                joint,
+                limits.acceleration,
+                (&arm.id, name),
+                curve,
+                report,
+            );
         }
     }
 }
@@ -94,7 +102,7 @@ fn check_stated_acceleration(
         let tolerance = ACCELERATION_TOLERANCE * limit.max(real.abs());
         let off = (stated - real).abs();
         let at_rest = index + 1 == points.len() && stated.abs() <= tolerance;
-        if !(off <= tolerance) && !at_rest {
+        if beyond(off, tolerance) && !at_rest {
             first = worst.map_or(point.t, |_| first);
             if worst.is_none_or(|(most, _)| off > most) {
                 worst = Some((off, point.t));
@@ -102,7 +110,8 @@ fn check_stated_acceleration(
         }
     }
     if let Some((off, t)) = worst {
-        let message = format!("{name}: qdd is {off:.3e} away from the curve's second derivative at t={t:.3} s");
+        let message =
+            format!("{name}: qdd is {off:.3e} away from the curve's second derivative at t={t:.3} s");
         report.add(Rule::AccelerationValue, Some(first), &[id], off, message);
     }
 }

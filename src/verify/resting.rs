@@ -3,6 +3,7 @@
 use nalgebra::Vector2;
 
 use super::gap::Frame;
+use super::verdict::beyond;
 use crate::geometry::{PlacedShape, Shape, Vec3};
 use crate::workcell::{ObjectModel, Surface};
 
@@ -23,8 +24,9 @@ pub(super) struct NotResting {
 /// Checks the rule "Resting" of FORMAT.md for `object` at `frame` on `surface`.
 pub(super) fn check(object: &ObjectModel, frame: &Frame, surface: &Surface) -> Result<(), NotResting> {
     let in_surface = Frame::of(&surface.pose).inverse().compose(frame);
-    let lowest = object.shapes.iter().map(|shape| lowest_point(shape, &in_surface)).fold(f64::INFINITY, f64::min);
-    if !(lowest.abs() <= TOLERANCE) {
+    let lowest =
+        object.shapes.iter().map(|shape| lowest_point(shape, &in_surface)).fold(f64::INFINITY, f64::min);
+    if beyond(lowest.abs(), TOLERANCE) {
         let why = if lowest > 0.0 { "it floats above the surface" } else { "it sinks into the surface" };
         return Err(NotResting { why, amount: lowest.abs() });
     }
@@ -39,7 +41,7 @@ pub(super) fn check(object: &ObjectModel, frame: &Frame, surface: &Surface) -> R
     let [half_x, half_y] = surface.half_extents;
     let outside = touching.iter().map(|p| (p.x.abs() - half_x).max(p.y.abs() - half_y));
     let outside = outside.fold(f64::NEG_INFINITY, f64::max);
-    if !(outside <= TOLERANCE) {
+    if beyond(outside, TOLERANCE) {
         return Err(NotResting { why: "it stands over the rim of the surface", amount: outside });
     }
     let centre = in_surface.apply(&centre_of_volume(&object.shapes));
@@ -128,7 +130,8 @@ fn convex_hull(mut points: Vec<Vector2<f64>>) -> Vec<Vector2<f64>> {
         let in_order: Box<dyn Iterator<Item = &Vector2<f64>>> =
             if pass == 0 { Box::new(points.iter()) } else { Box::new(points.iter().rev()) };
         for point in in_order {
-            while hull.len() >= start + 2 && turn(&hull[hull.len() - 2], &hull[hull.len() - 1], point) <= 0.0 {
+            while hull.len() >= start + 2 && turn(&hull[hull.len() - 2], &hull[hull.len() - 1], point) <= 0.0
+            {
                 hull.pop();
             }
             hull.push(*point);

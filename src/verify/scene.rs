@@ -48,7 +48,6 @@ pub(super) struct Pair {
 pub(super) struct Scene<'p> {
     problem: &'p Problem,
     pub bodies: Vec<Body>,
-    first_obstacle: usize,
     first_object: usize,
     /// Pairs that do not depend on the objects.
     pub standing: Vec<Pair>,
@@ -87,7 +86,7 @@ impl<'p> Scene<'p> {
         for (index, object) in problem.objects.iter().enumerate() {
             bodies.push(Body::of_shapes(Owner::Object(index), &object.shapes, &object.id));
         }
-        let mut scene = Self { problem, bodies, first_obstacle, first_object, standing: Vec::new() };
+        let mut scene = Self { problem, bodies, first_object, standing: Vec::new() };
         for a in 0..first_obstacle {
             for b in a + 1..first_object {
                 scene.standing.extend(scene.standing_pair(a, b, &chain));
@@ -106,11 +105,6 @@ impl<'p> Scene<'p> {
         self.first_object..self.bodies.len()
     }
 
-    /// The body of an object.
-    pub(super) fn object_body(&self, object: usize) -> usize {
-        self.first_object + object
-    }
-
     /// A pair of arm against arm or obstacle, unless it is exempt for good.
     fn standing_pair<'c>(&self, a: usize, b: usize, chain: &impl Fn(usize) -> &'c Chain) -> Option<Pair> {
         let cell = &self.problem.workcell;
@@ -126,7 +120,8 @@ impl<'p> Scene<'p> {
             Owner::Arm { arm: other, node: other_node } => {
                 let one = (ArmId(arm), group);
                 let two = (ArmId(other), chain(other).group(other_node));
-                let allowed = cell.allowed_arm_arm.iter().any(|pair| *pair == (one, two) || *pair == (two, one));
+                let allowed =
+                    cell.allowed_arm_arm.iter().any(|pair| *pair == (one, two) || *pair == (two, one));
                 (!allowed).then_some(Pair { a, b, common: 0, counted: true })
             }
             Owner::Obstacle(obstacle) => {
@@ -156,7 +151,8 @@ impl<'p> Scene<'p> {
             for a in 0..b {
                 match self.bodies[a].owner {
                     Owner::Arm { arm, node } => {
-                        let in_hand = self.problem.workcell.arms[arm].hand_groups.contains(&chain(arm).group(node));
+                        let in_hand =
+                            self.problem.workcell.arms[arm].hand_groups.contains(&chain(arm).group(node));
                         if in_hand && (held == Some(arm) || open(Touch::Hand(ArmId(arm)))) {
                             continue;
                         }
@@ -167,7 +163,8 @@ impl<'p> Scene<'p> {
                     Owner::Obstacle(obstacle) => {
                         let carries = match custody[object] {
                             Custody::Resting { surface, .. } => {
-                                self.problem.workcell.surfaces[surface.0].carrier == Some(ObstacleId(obstacle))
+                                self.problem.workcell.surfaces[surface.0].carrier
+                                    == Some(ObstacleId(obstacle))
                             }
                             Custody::Held { .. } => false,
                         };
@@ -193,8 +190,10 @@ impl Body {
 
     fn new(owner: Owner, parts: Vec<(Part, String)>) -> Self {
         let (parts, names): (Vec<Part>, Vec<String>) = parts.into_iter().unzip();
-        let low = parts.iter().map(|p| p.centre.add_scalar(-p.radius)).reduce(|a, b| a.inf(&b)).unwrap_or_default();
-        let high = parts.iter().map(|p| p.centre.add_scalar(p.radius)).reduce(|a, b| a.sup(&b)).unwrap_or_default();
+        let low =
+            parts.iter().map(|p| p.centre.add_scalar(-p.radius)).reduce(|a, b| a.inf(&b)).unwrap_or_default();
+        let high =
+            parts.iter().map(|p| p.centre.add_scalar(p.radius)).reduce(|a, b| a.sup(&b)).unwrap_or_default();
         let centre = if let [only] = parts.as_slice() { only.centre } else { (low + high) * 0.5 };
         let radius = parts.iter().map(|p| (p.centre - centre).norm() + p.radius).fold(0.0, f64::max);
         Self { owner, parts, names, centre, radius: radius * (1.0 + 1e-12) }

@@ -8,7 +8,7 @@ use super::arms::Arms;
 use super::custody::{Timeline, difference};
 use super::gap::Frame;
 use super::motion_limits::REST_SPEED;
-use super::verdict::{Report, Rule};
+use super::verdict::{Report, Rule, beyond};
 use crate::geometry::Vec3;
 use crate::plan::{Action, ActionKind};
 use crate::problem::Problem;
@@ -76,14 +76,16 @@ pub(super) fn check(
         let (object, t) = (action.object, action.t);
         match &action.kind {
             ActionKind::Pick { arm, surface, .. } => {
-                let (tcp, normal, carrier) = (judge.arms.tcp(*arm, t), judge.normal(*surface), judge.carrier(*surface));
+                let (tcp, normal, carrier) =
+                    (judge.arms.tcp(*arm, t), judge.normal(*surface), judge.carrier(*surface));
                 let from = judge.way(action, *arm, &tcp, -tool_axis(&tcp), Side::Before);
                 judge.allow(object, Some(Touch::Hand(*arm)), from, t);
                 let to = judge.way(action, *arm, &tcp, normal, Side::After);
                 judge.allow(object, carrier, t, to);
             }
             ActionKind::Place { arm, surface, .. } => {
-                let (tcp, normal, carrier) = (judge.arms.tcp(*arm, t), judge.normal(*surface), judge.carrier(*surface));
+                let (tcp, normal, carrier) =
+                    (judge.arms.tcp(*arm, t), judge.normal(*surface), judge.carrier(*surface));
                 let from = judge.way(action, *arm, &tcp, normal, Side::Before);
                 judge.allow(object, carrier, from, t);
                 let to = judge.way(action, *arm, &tcp, -tool_axis(&tcp), Side::After);
@@ -158,7 +160,7 @@ impl Ways<'_> {
     /// An arm rests from one time to another.
     fn rests(&mut self, rule: Rule, action: &Action, arm: ArmId, from: f64, to: f64) {
         let peak = self.arms.curve(arm).peak_speed(from, to);
-        if !(peak.value < REST_SPEED) {
+        if beyond(peak.value, REST_SPEED) {
             let object = &self.problem.objects[action.object.0];
             let bodies = [self.problem.workcell.arms[arm.0].id.as_str(), object.id.as_str()];
             let message = format!(

@@ -26,7 +26,8 @@ pub(super) const SAME_TIME: f64 = 1e-9;
 /// Reports what cannot be read; `false` when there is such.
 pub(super) fn check(problem: &Problem, plan: &Plan, report: &mut Report) -> bool {
     if plan.problem_digest != problem.digest {
-        let message = format!("the plan is for problem {}, not {}", clip(&plan.problem_digest), problem.digest);
+        let message =
+            format!("the plan is for problem {}, not {}", clip(&plan.problem_digest), problem.digest);
         report.add(Rule::ProblemDigest, None, &[], 0.0, message);
     }
     let points: usize = plan.arms.iter().map(|arm| arm.points.len()).sum();
@@ -39,8 +40,7 @@ pub(super) fn check(problem: &Problem, plan: &Plan, report: &mut Report) -> bool
         return false;
     }
     if plan.arms.len() != problem.workcell.arms.len() {
-        let message =
-            format!("{} trajectories for {} arms", plan.arms.len(), problem.workcell.arms.len());
+        let message = format!("{} trajectories for {} arms", plan.arms.len(), problem.workcell.arms.len());
         report.add(Rule::Shape, None, &[], 0.0, message);
         return false;
     }
@@ -98,7 +98,8 @@ fn check_times(id: &str, trajectory: &ArmTrajectory, report: &mut Report) -> boo
         let [from, to] = pair else { continue };
         let spacing = to.t - from.t;
         if spacing < MIN_SPACING {
-            let message = format!("point {} comes {spacing:e} s after the one before; at least 1 ms", index + 1);
+            let message =
+                format!("point {} comes {spacing:e} s after the one before; at least 1 ms", index + 1);
             report.add(Rule::PointTimes, Some(to.t), &[id], MIN_SPACING - spacing, message);
             return false;
         }
@@ -165,7 +166,8 @@ fn check_action(problem: &Problem, index: usize, action: &Action, report: &mut R
         return false;
     }
     if !action.t.is_finite() || !poses.into_iter().flatten().all(is_sound_pose) {
-        let message = format!("action {index} holds a number that is not finite, or a quaternion not of norm 1");
+        let message =
+            format!("action {index} holds a number that is not finite, or a quaternion not of norm 1");
         report.add(Rule::BadNumber, None, &[], 0.0, message);
         return false;
     }

@@ -310,6 +310,11 @@ pub(super) struct Report {
     count: usize,
 }
 
+/// Whether a value exceeds its bound, or is not a number at all.
+pub(super) fn beyond(value: f64, bound: f64) -> bool {
+    value.is_nan() || value > bound
+}
+
 /// The order in time; what has no time comes first.
 fn time_key(violation: &Violation) -> f64 {
     violation.t.unwrap_or(f64::NEG_INFINITY)
@@ -342,11 +347,6 @@ impl Report {
         if self.violations.len() < 10 * Verdict::MAX_VIOLATIONS {
             self.violations.push(violation);
         }
-    }
-
-    /// Whether nothing was found.
-    pub(super) fn is_clean(&self) -> bool {
-        self.count == 0
     }
 
     /// The verdict.
