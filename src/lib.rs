@@ -22,6 +22,6 @@ pub mod planner;
 pub mod problem;
 pub mod run;
 pub mod trajectory;
-pub mod wire;
 pub mod verify;
+pub mod wire;
 pub mod workcell;
