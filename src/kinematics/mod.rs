@@ -6,6 +6,7 @@
 mod chain;
 mod inverse;
 mod jacobian;
+mod lever;
 mod library;
 mod model;
 mod srdf;
@@ -13,6 +14,7 @@ mod urdf;
 mod xml;
 
 pub use inverse::InverseMethod;
+pub use lever::{Lever, Reach};
 pub use library::{LibraryRobot, library, library_names};
 pub use model::{ArmModel, Config, Joint, JointLimits, Link, LinkMotion};
 pub use srdf::{SrdfError, disabled_group_pairs};
