@@ -17,6 +17,7 @@
 pub mod geometry;
 pub mod guidance;
 pub mod kinematics;
+pub mod mode_graph;
 pub mod plan;
 pub mod planner;
 pub mod problem;

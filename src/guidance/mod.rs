@@ -13,6 +13,7 @@ mod baselines;
 mod bounds;
 mod check;
 mod cuts;
+mod from_mode_graph;
 pub mod generate;
 mod guide;
 mod instance;

@@ -1,0 +1,79 @@
+//! What the graph asks of whoever can ground picks, places and handoffs.
+
+use crate::geometry::Pose;
+use crate::kinematics::Config;
+use crate::workcell::{ArmId, ObjectId, SurfaceId};
+
+/// Whether an object at rest is taken or put down.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum RestAction {
+    /// The object rests and the arm takes it.
+    Pick,
+    /// The arm holds the object and puts it down.
+    Place,
+}
+
+/// One way to hold an object.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Hold {
+    /// Which of the object's grasps; `None` for a hold that is none of them, such as the one in
+    /// which an object starts.
+    pub grasp: Option<usize>,
+    /// The object's frame in the TCP frame.
+    pub object_in_tcp: Pose,
+}
+
+/// Two arms in the midst of a handoff: the proof that they can.
+#[derive(Debug, Clone, PartialEq)]
+pub struct HandoffWitness {
+    /// The giver's joints.
+    pub giver_q: Config,
+    /// The receiver's joints.
+    pub receiver_q: Config,
+    /// How the giver holds the object.
+    pub giver_hold: Hold,
+    /// How the receiver holds it.
+    pub receiver_hold: Hold,
+}
+
+/// Which arm reaches what: questions that inverse kinematics and collision checks answer.
+///
+/// An answer "no" may be a failure of sampling; an answer "yes" must come with a collision-free
+/// configuration and straight lines before and after it. Other objects and other arms are left
+/// out of account, the static workcell is not. Answers must be deterministic for a given sequence
+/// of questions.
+pub trait Reach {
+    /// The holds among the object's grasps by which `arm` can do `action` with `object` at rest at
+    /// `pose` (world) on `surface`.
+    fn holds(
+        &mut self,
+        action: RestAction,
+        arm: ArmId,
+        object: ObjectId,
+        pose: &Pose,
+        surface: SurfaceId,
+    ) -> Vec<Hold>;
+
+    /// Whether there is any such hold.
+    fn reaches(
+        &mut self,
+        action: RestAction,
+        arm: ArmId,
+        object: ObjectId,
+        pose: &Pose,
+        surface: SurfaceId,
+    ) -> bool {
+        !self.holds(action, arm, object, pose, surface).is_empty()
+    }
+
+    /// A handoff of `object` from `giver`, which has it in one of `giver_holds`, to `receiver`,
+    /// which takes it in one of `receiver_holds`; `None` when none is found.
+    fn handoff(
+        &mut self,
+        giver: ArmId,
+        receiver: ArmId,
+        object: ObjectId,
+        giver_holds: &[Hold],
+        receiver_holds: &[Hold],
+    ) -> Option<HandoffWitness>;
+}
