@@ -22,6 +22,7 @@ pub mod plan;
 pub mod planner;
 pub mod problem;
 pub mod run;
+pub mod scenario;
 pub mod trajectory;
 pub mod verify;
 pub mod wire;

@@ -35,11 +35,6 @@ impl Body {
         Self::new(obstacle.id.clone(), 0, &obstacle.shapes, obstacle.pose)
     }
 
-    /// The same body somewhere else.
-    pub fn at(&self, pose: Pose) -> Self {
-        Self { pose, ..self.clone() }
-    }
-
     /// How deep (m) it overlaps `other`; `None` when that is no contact.
     pub fn contact(&self, other: &Self) -> Option<f64> {
         let mine = self.pose.rotation * self.ball.0 + self.pose.translation.vector;

@@ -1,0 +1,318 @@
+//! From family, size and seed to a problem document.
+
+use rand::Rng as _;
+use serde_json::{Map, Value, json};
+
+use super::layout::{End, Layout, PEDESTAL_HEIGHT, TABLE_DEPTH, TABLE_TOP};
+use super::sampling::{CUBE, Place, places};
+use super::{Family, ScenarioError};
+use crate::run::{Rng, Seed};
+
+/// Edge (m) of a pedestal's footprint.
+const PEDESTAL: f64 = 0.26;
+
+/// Thickness (m) of a table's top.
+const TABLE_THICKNESS: f64 = 0.05;
+
+/// Home of every arm (deg).
+const HOME_DEG: [f64; 7] = [0.0, -20.0, 0.0, -110.0, 0.0, 60.0, 0.0];
+
+/// Generates the problem of `family` with `arms` arms, `objects` cubes and the places that `seed`
+/// draws: the same arguments give the same document. Its planner seed is `seed`, too.
+///
+/// # Errors
+/// When the family does not take these numbers, or the cubes do not fit.
+pub fn generate(family: Family, arms: usize, objects: usize, seed: u64) -> Result<Value, ScenarioError> {
+    let layout = Layout::new(arms)?;
+    check_sizes(family, arms, objects)?;
+    let mut rng = Seed(seed).stream(&format!("scenario/{}/{arms}x{objects}", family.name()));
+    let (starts, goals) =
+        arrange(family, &layout, objects, &mut rng).ok_or(ScenarioError::NoRoom(objects))?;
+    let ids: Vec<String> = (1..=objects).map(|number| format!("cube_{number}")).collect();
+    let cubes: Vec<Value> = ids
+        .iter()
+        .map(|id| {
+            json!({
+                "id": id,
+                "shape": { "type": "box", "size": xyz(CUBE, CUBE, CUBE) },
+                "mass": 0.2,
+                "symmetry": "none",
+                "grasps": [ { "generator": "box_faces" }, { "generator": "box_edges" } ],
+                "approach": 0.08,
+                "retreat": 0.08,
+            })
+        })
+        .collect();
+    let placements = |list: &[Place]| -> Map<String, Value> {
+        ids.iter().cloned().zip(list.iter().map(|place| json!({ "pose": cube_pose(place) }))).collect()
+    };
+    Ok(json!({
+        "schema": "quadrille.problem/1",
+        "name": format!("{} {arms}x{objects}, seed {seed}", family.name()),
+        "workcell": workcell(&layout),
+        "objects": cubes,
+        "initial": placements(&starts),
+        "goal": placements(&goals),
+        "options": { "time_budget_s": 30.0, "seed": seed },
+    }))
+}
+
+fn check_sizes(family: Family, arms: usize, objects: usize) -> Result<(), ScenarioError> {
+    let wrong = |takes| Err(ScenarioError::Objects { family: family.name(), takes, given: objects });
+    match family {
+        Family::Switch | Family::SideToSide | Family::Random if arms < 2 => {
+            Err(ScenarioError::TooFewArms { family: family.name() })
+        }
+        Family::Switch if objects < 2 => wrong("at least 2"),
+        Family::SideToSide | Family::Random if objects < 1 => wrong("at least 1"),
+        Family::InPlaceSwap if objects != 2 => wrong("exactly 2"),
+        Family::Derangement if objects < 2 => wrong("at least 2"),
+        _ => Ok(()),
+    }
+}
+
+/// Start and goal of every cube; `None` when they do not fit.
+fn arrange(family: Family, layout: &Layout, objects: usize, rng: &mut Rng) -> Option<(Vec<Place>, Vec<Place>)> {
+    let other = |end: &End| if *end == End::A { End::B } else { End::A };
+    let start_ends: Vec<End> = match family {
+        // The first half, the larger one for an odd number, starts at A.
+        Family::Switch => {
+            (0..objects).map(|index| if 2 * index < objects { End::A } else { End::B }).collect()
+        }
+        Family::SideToSide => vec![End::A; objects],
+        Family::Random => {
+            (0..objects).map(|_| if rng.random::<bool>() { End::A } else { End::B }).collect()
+        }
+        // One and two arms swap on one table, more of them across the cell.
+        Family::InPlaceSwap if layout.depth < 3 => vec![End::A; objects],
+        Family::InPlaceSwap => vec![End::A, End::B],
+        Family::Derangement => {
+            let ends = layout.ends();
+            (0..objects).map(|index| ends[index % ends.len()]).collect()
+        }
+    };
+    match family {
+        Family::Switch | Family::SideToSide | Family::Random => {
+            let goal_ends: Vec<End> = start_ends.iter().map(other).collect();
+            let mut all = places(layout, &[start_ends, goal_ends].concat(), rng)?;
+            let goals = all.split_off(objects);
+            Some((all, goals))
+        }
+        Family::InPlaceSwap | Family::Derangement => {
+            // One place more on each table, so that a buffer is free.
+            let ends = [start_ends, layout.ends().to_vec()].concat();
+            let mut starts = places(layout, &ends, rng)?;
+            starts.truncate(objects);
+            let cycle = cyclic_permutation(objects, rng);
+            let goals = cycle.iter().map(|target| starts[*target]).collect();
+            Some((starts, goals))
+        }
+    }
+}
+
+/// A random permutation that is one cycle (Sattolo's algorithm).
+fn cyclic_permutation(length: usize, rng: &mut Rng) -> Vec<usize> {
+    let mut out: Vec<usize> = (0..length).collect();
+    for last in (1..length).rev() {
+        out.swap(last, rng.random_range(0..last));
+    }
+    out
+}
+
+fn xyz(x: f64, y: f64, z: f64) -> Value {
+    json!({ "x": tidy(x), "y": tidy(y), "z": tidy(z) })
+}
+
+/// A length without the last digits that sums of decimals leave.
+fn tidy(value: f64) -> f64 {
+    let rounded = (value * 1.0e9).round() / 1.0e9;
+    // No negative zero.
+    rounded + 0.0
+}
+
+fn about_z(yaw: f64) -> Value {
+    let (sin, cos) = (yaw / 2.0).sin_cos();
+    json!({ "x": 0.0, "y": 0.0, "z": sin, "w": cos })
+}
+
+fn cube_pose(place: &Place) -> Value {
+    let [x, y] = place.xy;
+    json!({ "position": xyz(x, y, TABLE_TOP + CUBE / 2.0), "orientation": about_z(place.yaw) })
+}
+
+/// The gripper of DESIGN section 11: a round body and two fingers around a 6 cm cube.
+fn tool() -> Value {
+    let cylinder = json!({
+        "shape": { "type": "cylinder", "radius": 0.04, "length": 0.10 },
+        "pose": { "position": xyz(0.0, 0.0, 0.05) },
+    });
+    // 16 mm wide, 12 mm thick, inner faces at y = +-31 mm, from 100 to 138 mm.
+    let finger = |side: f64| {
+        json!({
+            "shape": { "type": "box", "size": xyz(0.016, 0.012, 0.038) },
+            "pose": { "position": xyz(0.0, side * 0.037, 0.119) },
+        })
+    };
+    json!({
+        "mount_link": "flange",
+        "tcp": { "position": xyz(0.0, 0.0, 0.15) },
+        "collision": [ cylinder, finger(1.0), finger(-1.0) ],
+        "max_opening": 0.10,
+    })
+}
+
+fn workcell(layout: &Layout) -> Value {
+    let home: Map<String, Value> = HOME_DEG
+        .iter()
+        .enumerate()
+        .map(|(index, degrees)| (format!("joint_{}", index + 1), json!(tidy(degrees.to_radians()))))
+        .collect();
+    let mut arms = Vec::new();
+    let mut obstacles = Vec::new();
+    let mut surfaces = Vec::new();
+    let mut contacts = Vec::new();
+    for end in layout.ends() {
+        let id = match end {
+            End::A => "table_a",
+            End::B => "table_b",
+        };
+        let [x, y] = layout.table(*end);
+        let width = layout.table_width();
+        obstacles.push(json!({
+            "id": id,
+            "shape": { "type": "box", "size": xyz(TABLE_DEPTH, width, TABLE_THICKNESS) },
+            "pose": { "position": xyz(x, y, TABLE_TOP - TABLE_THICKNESS / 2.0) },
+        }));
+        surfaces.push(json!({
+            "id": format!("{id}_top"),
+            "on": id,
+            "pose": { "position": xyz(x, y, TABLE_TOP) },
+            "size": { "x": TABLE_DEPTH, "y": tidy(width) },
+        }));
+    }
+    for (index, [x, y]) in layout.arms().into_iter().enumerate() {
+        let id = format!("arm_{}", index + 1);
+        let pedestal = format!("pedestal_{}", index + 1);
+        obstacles.push(json!({
+            "id": pedestal,
+            "shape": { "type": "box", "size": xyz(PEDESTAL, PEDESTAL, PEDESTAL_HEIGHT) },
+            "pose": { "position": xyz(x, y, PEDESTAL_HEIGHT / 2.0) },
+        }));
+        contacts.push(json!([pedestal, format!("{id}/link_0")]));
+        arms.push(json!({
+            "id": id,
+            "robot": "iiwa14",
+            "base": { "position": xyz(x, y, PEDESTAL_HEIGHT), "orientation": about_z(layout.yaw()) },
+            "tool": tool(),
+            "home": home,
+        }));
+    }
+    json!({
+        "robots": { "iiwa14": { "urdf": "library:iiwa14" } },
+        "arms": arms,
+        "obstacles": obstacles,
+        "surfaces": surfaces,
+        "allowed_contacts": contacts,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::wire::{LibraryOnly, ReadLimits, ReadProblem, read_problem_value};
+
+    fn read(value: &Value) -> ReadProblem {
+        match read_problem_value(value, &LibraryOnly, &ReadLimits::default()) {
+            Ok(read) => read,
+            Err(faults) => {
+                let lines: Vec<String> = faults.iter().map(ToString::to_string).collect();
+                panic!("{}\n{}", value["name"], lines.join("\n"))
+            }
+        }
+    }
+
+    const SIZES: [(Family, usize, usize); 18] = [
+        (Family::Switch, 2, 2),
+        (Family::Switch, 4, 4),
+        (Family::Switch, 6, 4),
+        (Family::Switch, 9, 4),
+        (Family::SideToSide, 2, 2),
+        (Family::SideToSide, 4, 4),
+        (Family::SideToSide, 6, 4),
+        (Family::SideToSide, 9, 4),
+        (Family::Random, 9, 4),
+        (Family::Random, 9, 20),
+        (Family::Random, 12, 12),
+        (Family::Random, 16, 50),
+        (Family::Random, 5, 3),
+        (Family::InPlaceSwap, 1, 2),
+        (Family::InPlaceSwap, 2, 2),
+        (Family::InPlaceSwap, 3, 2),
+        (Family::Derangement, 1, 4),
+        (Family::Derangement, 2, 6),
+    ];
+
+    #[test]
+    fn every_family_and_size_is_a_valid_problem_without_warnings() {
+        for (family, arms, objects) in SIZES {
+            for seed in 0..3 {
+                let value = generate(family, arms, objects, seed).unwrap();
+                let read = read(&value);
+                assert_eq!(read.warnings, [], "{}", value["name"]);
+                assert_eq!(read.problem.workcell.arms.len(), arms);
+                assert_eq!(read.problem.objects.len(), objects);
+                assert!(read.problem.objects.iter().all(|o| o.grasps.len() == 48 && o.class == 0));
+                assert_eq!(read.problem.options.seed, seed);
+            }
+        }
+    }
+
+    #[test]
+    fn seeds_decide() {
+        let make = |seed| generate(Family::Switch, 2, 2, seed).unwrap();
+        assert_eq!(make(3), make(3));
+        assert_ne!(make(3)["initial"], make(4)["initial"]);
+        assert_eq!(make(3)["workcell"], make(4)["workcell"]);
+    }
+
+    #[test]
+    fn families_do_what_they_say() {
+        let x = |value: &Value, when: &str, cube: usize| {
+            value[when][format!("cube_{cube}")]["pose"]["position"]["x"].as_f64().unwrap()
+        };
+        let switch = generate(Family::Switch, 4, 4, 0).unwrap();
+        for cube in 1..=4 {
+            assert_eq!(x(&switch, "initial", cube) < 0.0, cube <= 2);
+            assert_eq!(x(&switch, "goal", cube) < 0.0, cube > 2);
+        }
+        let side = generate(Family::SideToSide, 4, 4, 0).unwrap();
+        assert!((1..=4).all(|cube| x(&side, "initial", cube) < 0.0 && x(&side, "goal", cube) > 0.0));
+        let random = generate(Family::Random, 4, 10, 0).unwrap();
+        assert!((1..=10).all(|cube| (x(&random, "initial", cube) < 0.0) != (x(&random, "goal", cube) < 0.0)));
+        let swap = generate(Family::InPlaceSwap, 3, 2, 0).unwrap();
+        assert_eq!(swap["initial"]["cube_1"], swap["goal"]["cube_2"]);
+        assert_eq!(swap["initial"]["cube_2"], swap["goal"]["cube_1"]);
+        assert!(x(&swap, "initial", 1) < 0.0 && x(&swap, "initial", 2) > 0.0);
+    }
+
+    #[test]
+    fn a_derangement_is_one_cycle() {
+        for seed in 0..20 {
+            let cycle = cyclic_permutation(6, &mut Seed(seed).stream("test"));
+            let mut at = 0;
+            for step in 0..6 {
+                assert!(step == 0 || at != 0);
+                at = cycle[at];
+            }
+            assert_eq!(at, 0);
+        }
+    }
+
+    #[test]
+    fn wrong_sizes_are_refused() {
+        assert!(matches!(generate(Family::Switch, 1, 2, 0), Err(ScenarioError::TooFewArms { .. })));
+        assert!(matches!(generate(Family::InPlaceSwap, 1, 3, 0), Err(ScenarioError::Objects { .. })));
+        assert!(matches!(generate(Family::Random, 17, 3, 0), Err(ScenarioError::Arms(17))));
+        assert_eq!(generate(Family::SideToSide, 2, 200, 0), Err(ScenarioError::NoRoom(200)));
+    }
+}
