@@ -72,7 +72,12 @@ fn check_sizes(family: Family, arms: usize, objects: usize) -> Result<(), Scenar
 }
 
 /// Start and goal of every cube; `None` when they do not fit.
-fn arrange(family: Family, layout: &Layout, objects: usize, rng: &mut Rng) -> Option<(Vec<Place>, Vec<Place>)> {
+fn arrange(
+    family: Family,
+    layout: &Layout,
+    objects: usize,
+    rng: &mut Rng,
+) -> Option<(Vec<Place>, Vec<Place>)> {
     let other = |end: &End| if *end == End::A { End::B } else { End::A };
     let start_ends: Vec<End> = match family {
         // The first half, the larger one for an odd number, starts at A.
@@ -80,9 +85,7 @@ fn arrange(family: Family, layout: &Layout, objects: usize, rng: &mut Rng) -> Op
             (0..objects).map(|index| if 2 * index < objects { End::A } else { End::B }).collect()
         }
         Family::SideToSide => vec![End::A; objects],
-        Family::Random => {
-            (0..objects).map(|_| if rng.random::<bool>() { End::A } else { End::B }).collect()
-        }
+        Family::Random => (0..objects).map(|_| if rng.random::<bool>() { End::A } else { End::B }).collect(),
         // One and two arms swap on one table, more of them across the cell.
         Family::InPlaceSwap if layout.depth < 3 => vec![End::A; objects],
         Family::InPlaceSwap => vec![End::A, End::B],

@@ -58,8 +58,7 @@ impl Layout {
         if !(1..=MAX_ARMS).contains(&arms) {
             return Err(ScenarioError::Arms(arms));
         }
-        let lanes =
-            (1..=arms).filter(|lanes| arms % lanes == 0 && lanes * lanes <= arms).max().unwrap_or(1);
+        let lanes = (1..=arms).filter(|lanes| arms % lanes == 0 && lanes * lanes <= arms).max().unwrap_or(1);
         Ok(Self { depth: arms / lanes, lanes })
     }
 
@@ -113,7 +112,8 @@ mod tests {
 
     #[test]
     fn the_grids_of_the_design() {
-        let grids = [(1, 1, 1), (2, 2, 1), (3, 3, 1), (4, 2, 2), (6, 3, 2), (9, 3, 3), (12, 4, 3), (16, 4, 4)];
+        let grids =
+            [(1, 1, 1), (2, 2, 1), (3, 3, 1), (4, 2, 2), (6, 3, 2), (9, 3, 3), (12, 4, 3), (16, 4, 4)];
         for (arms, depth, lanes) in grids {
             assert_eq!(Layout::new(arms), Ok(Layout { depth, lanes }));
         }
