@@ -6,10 +6,14 @@
 mod digest;
 mod fault;
 mod json;
+pub mod plan;
+mod pose;
 mod problem;
 mod reader;
 mod resources;
 
 pub use fault::{Fault, FaultCode};
+pub use json::parse as parse_json;
+pub use pose::{PoseDocument, QuaternionDocument, VectorDocument};
 pub use problem::{ReadLimits, ReadProblem, read_problem, read_problem_value};
 pub use resources::{Folder, LibraryOnly, ResourceError, Resources};

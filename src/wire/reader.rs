@@ -2,14 +2,19 @@
 //!
 //! All readers return `None` when the value is no good, after having noted why.
 
+use nalgebra::{Quaternion, Translation3, UnitQuaternion};
 use serde_json::{Map, Value};
 
 use super::fault::{FaultCode, Faults};
 use super::json::child;
-use crate::geometry::{Pose, Vec3, pose_from_parts};
+use crate::geometry::{Pose, Vec3};
 
 /// Greatest magnitude of a length or position that is taken seriously (m).
 const MAX_LENGTH: f64 = 1.0e4;
+
+/// Norms this near to 1 are what rounding leaves of a unit quaternion: normalising again would
+/// only change bits.
+const ROUNDING: f64 = 1.0e-14;
 
 /// A value and its place in the document.
 #[derive(Debug, Clone)]
@@ -28,6 +33,13 @@ pub struct Fields<'a> {
     /// JSON pointer to the object.
     pub pointer: String,
     known: Vec<&'static str>,
+}
+
+/// What happens to members that nobody asked for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Unknown {
+    Refused,
+    PassedOver,
 }
 
 /// What a number must satisfy.
@@ -200,38 +212,56 @@ impl<'a> Node<'a> {
 
     /// `{x, y, z}` with every component in `range`.
     pub fn vector(&self, faults: &mut Faults, range: Range) -> Option<Vec3> {
+        self.vector_with(faults, range, Unknown::Refused)
+    }
+
+    fn vector_with(&self, faults: &mut Faults, range: Range, unknown: Unknown) -> Option<Vec3> {
         let mut fields = self.fields(faults)?;
         let mut component = |key| fields.required(key, faults).and_then(|node| node.number(faults, range));
         let (x, y, z) = (component("x"), component("y"), component("z"));
-        fields.finish(faults);
+        fields.end(unknown, faults);
         Some(Vec3::new(x?, y?, z?))
     }
 
     /// A pose; absent parts are zero and the identity.
     pub fn pose(&self, faults: &mut Faults) -> Option<Pose> {
+        self.pose_with(faults, Unknown::Refused)
+    }
+
+    /// A pose of a document whose unknown fields are passed over.
+    pub fn lenient_pose(&self, faults: &mut Faults) -> Option<Pose> {
+        self.pose_with(faults, Unknown::PassedOver)
+    }
+
+    fn pose_with(&self, faults: &mut Faults, unknown: Unknown) -> Option<Pose> {
         let mut fields = self.fields(faults)?;
         let position = match fields.optional("position") {
-            Some(node) => node.vector(faults, Range::Within(MAX_LENGTH)),
+            Some(node) => node.vector_with(faults, Range::Within(MAX_LENGTH), unknown),
             None => Some(Vec3::zeros()),
         };
         let orientation = match fields.optional("orientation") {
-            Some(node) => node.quaternion(faults),
-            None => Some([0.0, 0.0, 0.0, 1.0]),
+            Some(node) => node.quaternion(faults, unknown),
+            None => Some(UnitQuaternion::identity()),
         };
-        fields.finish(faults);
-        Some(pose_from_parts(position?.into(), orientation?))
+        fields.end(unknown, faults);
+        Some(Pose::from_parts(Translation3::from(position?), orientation?))
     }
 
-    fn quaternion(&self, faults: &mut Faults) -> Option<[f64; 4]> {
+    /// A unit quaternion. One that is so up to rounding keeps its bits.
+    fn quaternion(&self, faults: &mut Faults, unknown: Unknown) -> Option<UnitQuaternion<f64>> {
         let mut fields = self.fields(faults)?;
         let mut component =
             |key| fields.required(key, faults).and_then(|node| node.number(faults, Range::Any));
         let (x, y, z, w) = (component("x"), component("y"), component("z"), component("w"));
-        fields.finish(faults);
-        let xyzw = [x?, y?, z?, w?];
-        let norm = xyzw.iter().map(|c| c * c).sum::<f64>().sqrt();
-        if (norm - 1.0).abs() <= 1.0e-6 {
-            return Some(xyzw);
+        fields.end(unknown, faults);
+        let quaternion = Quaternion::new(w?, x?, y?, z?);
+        let norm = quaternion.norm();
+        let off = (norm - 1.0).abs();
+        if off <= ROUNDING {
+            return Some(UnitQuaternion::new_unchecked(quaternion));
+        }
+        if off <= 1.0e-6 {
+            return Some(UnitQuaternion::new_normalize(quaternion));
         }
         let message = format!("the quaternion's norm is {norm}; give a unit quaternion (within 1e-6)");
         self.fault(faults, FaultCode::BadQuaternion, message);
@@ -273,6 +303,12 @@ impl<'a> Fields<'a> {
             faults.push(self.pointer.clone(), FaultCode::MissingField, message);
         }
         node
+    }
+
+    fn end(self, unknown: Unknown, faults: &mut Faults) {
+        if unknown == Unknown::Refused {
+            self.finish(faults);
+        }
     }
 
     /// Notes every member that nobody asked for.

@@ -5,7 +5,7 @@ use super::bodies::{Body, arm_bodies, deepest};
 use super::context::Context;
 use super::draft::Draft;
 use super::placement::{End, Start};
-use crate::geometry::Pose;
+use crate::geometry::{Pose, Vec3};
 use crate::problem::{ContactPartner, GoalPlacement, InitialPlacement};
 use crate::wire::fault::FaultCode;
 use crate::workcell::{
@@ -126,7 +126,7 @@ fn rest(
         match rests_on(&object.shapes, pose, surface) {
             Ok(()) => under.push((SurfaceId(index), surface)),
             Err(fault) => {
-                let away = rectangle_distance(surface, pose);
+                let away = rectangle_distance(surface, &pose.translation.vector);
                 if nearest.is_none_or(|(least, ..)| away < least) {
                     nearest = Some((away, surface, fault));
                 }
@@ -170,9 +170,9 @@ fn rest_advice(fault: RestFault) -> String {
     }
 }
 
-/// Distance (m) from the origin of `pose` to the rectangle of `surface`.
-fn rectangle_distance(surface: &Surface, pose: &Pose) -> f64 {
-    let local = surface.pose.inverse_transform_point(&pose.translation.vector.into());
+/// Distance (m) from `point` to the rectangle of `surface`.
+fn rectangle_distance(surface: &Surface, point: &Vec3) -> f64 {
+    let local = surface.pose.inverse_transform_point(&(*point).into());
     let over = |value: f64, half: f64| (value.abs() - half).max(0.0);
     let (x, y) = (over(local.x, surface.half_extents[0]), over(local.y, surface.half_extents[1]));
     (x * x + y * y + local.z * local.z).sqrt()
@@ -240,7 +240,7 @@ fn check_reach(draft: &Draft, context: &mut Context<'_>) {
     if draft.arms.is_empty() || draft.arms.iter().any(Option::is_none) {
         return;
     }
-    let arms: Vec<(&Arm, f64)> = draft.arms.iter().flatten().map(|arm| (arm, tcp_reach(arm))).collect();
+    let reaches: Vec<(Vec3, f64)> = draft.arms.iter().flatten().map(tcp_reach).collect();
     for ((object, start), end) in draft.objects.iter().zip(&draft.initial).zip(&draft.goal) {
         let (Some(object), Some(end)) = (object, end) else { continue };
         if start.as_ref().is_some_and(|start| is_there(&start.what, &end.what)) {
@@ -283,21 +283,11 @@ fn is_there(start: &Start, end: &End) -> bool {
     }
 }
 
-/// A bound on the distance (m) of an arm's TCP from its base.
-fn tcp_reach(arm: &Arm) -> f64 {
-    let model = &arm.model;
-    let mut reach = arm.tool.tcp.translation.vector.norm();
-    let mut link = Some(model.mount);
-    while let Some(current) = link.and_then(|index| model.links.get(index)) {
-        reach += current.origin.translation.vector.norm();
-        if let crate::kinematics::LinkMotion::Prismatic { joint, multiplier, offset, .. } = &current.motion
-            && let Some(limits) = arm.limits.get(*joint)
-        {
-            reach += multiplier.abs() * limits.lower.abs().max(limits.upper.abs()) + offset.abs();
-        }
-        link = current.parent;
-    }
-    reach
+/// A ball in the world that an arm's TCP never leaves: centre and radius (m).
+fn tcp_reach(arm: &Arm) -> (Vec3, f64) {
+    let reach = arm.model.reach_within(&arm.limits);
+    let centre = arm.base * nalgebra::Point3::from(reach.centre);
+    (centre.coords, reach.radius + arm.tool.tcp.translation.vector.norm())
 }
 
 // ---------------------------------------------------------------------------------------------
