@@ -4,8 +4,8 @@ mod document;
 mod metrics;
 mod read;
 
-pub use document::{ActionDocument, ArmDocument, PlanDocument, PointDocument, VerificationDocument,
-    WitnessDocument,
+pub use document::{
+    ActionDocument, ArmDocument, PlanDocument, PointDocument, VerificationDocument, WitnessDocument,
 };
 pub use metrics::{MetricsDocument, StepsProofDocument};
 pub use read::{read_plan, read_plan_value};

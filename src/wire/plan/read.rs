@@ -87,7 +87,8 @@ impl<'p> PlanReader<'p> {
             node.choice(&mut self.faults, &[(SCHEMA, ())]);
         }
         if let Some(node) = fields.required("schedule", &mut self.faults)
-            && let Some(false) = node.choice(&mut self.faults, &[("synchronous", true), ("asynchronous", false)])
+            && let Some(false) =
+                node.choice(&mut self.faults, &[("synchronous", true), ("asynchronous", false)])
         {
             let message = "asynchronous schedules come in a later version";
             node.fault(&mut self.faults, FaultCode::NotImplemented, message);
@@ -128,8 +129,9 @@ impl<'p> PlanReader<'p> {
         let mut figure = |key| fields.required(key, faults).and_then(|node| node.number(faults, time));
         let duration_s = figure("duration_s");
         let arc_length = figure("arc_length");
-        let mut count =
-            |key| fields.required(key, faults).and_then(|node| node.whole(faults, 0, MAX_COUNT)).map(|n| n as usize);
+        let mut count = |key| {
+            fields.required(key, faults).and_then(|node| node.whole(faults, 0, MAX_COUNT)).map(|n| n as usize)
+        };
         let (actions, steps) = (count("actions"), count("steps"));
         let mut optional = |key, default| match fields.nullable(key) {
             Some(node) => node.number(faults, time),
@@ -176,8 +178,9 @@ impl<'p> PlanReader<'p> {
                 id.fault(&mut self.faults, FaultCode::DuplicateId, "this arm has a trajectory already");
                 continue;
             }
-            let order =
-                fields.required("joint_names", &mut self.faults).and_then(|node| self.joint_order(&node, arm));
+            let order = fields
+                .required("joint_names", &mut self.faults)
+                .and_then(|node| self.joint_order(&node, arm));
             let points = fields.required("points", &mut self.faults);
             if let (Some(order), Some(points)) = (order, points) {
                 out[arm] = self.points(&points, &order);
@@ -223,7 +226,8 @@ impl<'p> PlanReader<'p> {
         let mut points = Vec::new();
         for node in node.elements(&mut self.faults, "points", MAX_POINTS) {
             let Some(mut fields) = node.fields(&mut self.faults) else { continue };
-            let t = self.required(&mut fields, "t", |node, faults| node.number(faults, Range::Within(MAX_TIME)));
+            let t =
+                self.required(&mut fields, "t", |node, faults| node.number(faults, Range::Within(MAX_TIME)));
             let mut list = |key| {
                 let node = fields.required(key, &mut self.faults)?;
                 numbers(&node, order, &mut self.faults)
@@ -255,11 +259,13 @@ impl<'p> PlanReader<'p> {
         let kind = fields.required("kind", &mut self.faults)?;
         let kind = match kind.choice(&mut self.faults, &[("pick", 0), ("place", 1), ("handoff", 2)])? {
             0 => {
-                let surface = fields.required("surface", &mut self.faults).and_then(|node| self.surface(&node));
+                let surface =
+                    fields.required("surface", &mut self.faults).and_then(|node| self.surface(&node));
                 ActionKind::Pick { arm: arm?, object_in_tcp: object_in_tcp?, surface: surface? }
             }
             1 => {
-                let surface = fields.required("surface", &mut self.faults).and_then(|node| self.surface(&node));
+                let surface =
+                    fields.required("surface", &mut self.faults).and_then(|node| self.surface(&node));
                 let object_pose = self.pose(&mut fields, "object_pose");
                 ActionKind::Place {
                     arm: arm?,
@@ -331,7 +337,14 @@ impl<'p> PlanReader<'p> {
         self.known(node, name, "surface", FaultCode::UnknownSurface, found)
     }
 
-    fn known<T>(&mut self, node: &Node<'_>, name: &str, what: &str, code: FaultCode, found: Option<T>) -> Option<T> {
+    fn known<T>(
+        &mut self,
+        node: &Node<'_>,
+        name: &str,
+        what: &str,
+        code: FaultCode,
+        found: Option<T>,
+    ) -> Option<T> {
         if found.is_none() {
             node.fault(&mut self.faults, code, format!("the problem has no {what} `{}`", shown(name)));
         }

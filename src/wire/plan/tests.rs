@@ -5,9 +5,7 @@ use serde_json::{Value, json};
 
 use super::*;
 use crate::geometry::{Pose, Vec3};
-use crate::plan::{
-    Action, ActionKind, ArmTrajectory, Metrics, StepsProof, TrajectoryPoint, Verification,
-};
+use crate::plan::{Action, ActionKind, ArmTrajectory, Metrics, StepsProof, TrajectoryPoint, Verification};
 use crate::scenario::{Family, generate};
 use crate::wire::{FaultCode, LibraryOnly, ReadLimits, read_problem_value};
 use crate::workcell::{ArmId, ObjectId, SurfaceId};
@@ -30,8 +28,11 @@ fn kind() -> impl Strategy<Value = ActionKind> {
     let arm = || (0..2_usize).prop_map(ArmId);
     let surface = || (0..2_usize).prop_map(SurfaceId);
     prop_oneof![
-        (arm(), pose(), surface())
-            .prop_map(|(arm, object_in_tcp, surface)| ActionKind::Pick { arm, object_in_tcp, surface }),
+        (arm(), pose(), surface()).prop_map(|(arm, object_in_tcp, surface)| ActionKind::Pick {
+            arm,
+            object_in_tcp,
+            surface
+        }),
         (arm(), pose(), pose(), surface()).prop_map(|(arm, object_in_tcp, object_pose, surface)| {
             ActionKind::Place { arm, object_in_tcp, object_pose, surface }
         }),
@@ -48,18 +49,20 @@ fn plan() -> impl Strategy<Value = Plan> {
     let action = (1..9_usize, 0.0..20.0_f64, (0..2_usize).prop_map(ObjectId), kind())
         .prop_map(|(step, t, object, kind)| Action { step, t, object, kind });
     let proof = prop_oneof![Just(StepsProof::None), Just(StepsProof::Bounds), Just(StepsProof::Ilp)];
-    let metrics = (0.0..50.0_f64, 0.0..50.0_f64, 0.0..9.0_f64, 0..20_usize, prop::option::of(0..9_usize), proof);
-    let metrics = metrics.prop_map(|(duration_s, found_after_s, arc_length, count, optimum, steps_proof)| Metrics {
-        duration_s,
-        duration_synchronous_s: duration_s * 1.1,
-        arc_length,
-        actions: count,
-        steps: count / 2,
-        mode_graph_optimum: optimum,
-        steps_lower_bound: count / 3,
-        steps_proof,
-        found_after_s,
-    });
+    let metrics =
+        (0.0..50.0_f64, 0.0..50.0_f64, 0.0..9.0_f64, 0..20_usize, prop::option::of(0..9_usize), proof);
+    let metrics =
+        metrics.prop_map(|(duration_s, found_after_s, arc_length, count, optimum, steps_proof)| Metrics {
+            duration_s,
+            duration_synchronous_s: duration_s * 1.1,
+            arc_length,
+            actions: count,
+            steps: count / 2,
+            mode_graph_optimum: optimum,
+            steps_lower_bound: count / 3,
+            steps_proof,
+            found_after_s,
+        });
     let verification = (any::<bool>(), prop::option::of(number()), 0.0..9.0_f64, any::<bool>());
     let verification = verification.prop_map(|(valid, min_clearance_m, at_t, named)| Verification {
         valid,
@@ -157,7 +160,12 @@ fn every_fault_is_told_with_its_place() {
         ("/actions/0/object", json!("blue"), "/actions/0/object", FaultCode::UnknownObject),
         ("/actions/0/surface", json!("floor"), "/actions/0/surface", FaultCode::UnknownSurface),
         ("/actions/1/kind", json!("throw"), "/actions/1/kind", FaultCode::OutOfRange),
-        ("/actions/1/object_in_tcp/orientation/w", json!(2.0), "/actions/1/object_in_tcp/orientation", FaultCode::BadQuaternion),
+        (
+            "/actions/1/object_in_tcp/orientation/w",
+            json!(2.0),
+            "/actions/1/object_in_tcp/orientation",
+            FaultCode::BadQuaternion,
+        ),
     ];
     assert!(read_plan_value(&valid(), &problem).is_ok());
     for (place, value, pointer, code) in cases {

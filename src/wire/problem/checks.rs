@@ -252,15 +252,17 @@ fn check_reach(draft: &Draft, context: &mut Context<'_>) {
             .iter()
             .map(|grasp| grasp.object_in_tcp.translation.vector.norm())
             .fold(0.0_f64, f64::max);
-        let distance = |arm: &Arm| match &end.what {
-            End::Pose(pose) => (pose.translation.vector - arm.base.translation.vector).norm(),
+        let distance = |from: &Vec3| match &end.what {
+            End::Pose(pose) => (pose.translation.vector - from).norm(),
             End::Surface(surface) => match draft.surfaces.get(*surface) {
-                Some(Some(surface)) => rectangle_distance(surface, &arm.base) - object.bounding_radius(),
+                Some(Some(surface)) => rectangle_distance(surface, from) - object.bounding_radius(),
                 _ => 0.0,
             },
         };
-        let least_lack =
-            arms.iter().map(|(arm, reach)| distance(arm) - grasp - reach).fold(f64::INFINITY, f64::min);
+        let least_lack = reaches
+            .iter()
+            .map(|(centre, radius)| distance(centre) - grasp - radius)
+            .fold(f64::INFINITY, f64::min);
         if least_lack > 0.0 {
             let message = format!(
                 "the goal of object `{}` is {:.3} m beyond the greatest reach of every arm; bring it or an \
