@@ -14,8 +14,10 @@
 #![deny(missing_docs)]
 #![deny(unsafe_code)]
 
+pub mod cli;
 pub mod geometry;
 pub mod guidance;
+pub mod jobs;
 pub mod kinematics;
 pub mod mode_graph;
 pub mod plan;
@@ -23,6 +25,7 @@ pub mod planner;
 pub mod problem;
 pub mod run;
 pub mod scenario;
+pub mod service;
 pub mod trajectory;
 pub mod verify;
 pub mod wire;

@@ -1,1 +1,7 @@
-fn main() {}
+//! The `quadrille` command.
+
+use std::process::ExitCode;
+
+fn main() -> ExitCode {
+    quadrille::cli::main()
+}

@@ -18,6 +18,13 @@ impl Deadline {
         Self { started, at: started.checked_add(budget) }
     }
 
+    /// A clock that reads `spent` now; the run must end when it reads `budget`.
+    pub fn resumed(spent: Duration, budget: Duration) -> Self {
+        let now = Instant::now();
+        let started = now.checked_sub(spent).unwrap_or(now);
+        Self { started, at: now.checked_add(budget.saturating_sub(spent)) }
+    }
+
     /// Starts the clock now, with no end.
     pub fn never() -> Self {
         Self { started: Instant::now(), at: None }

@@ -1,0 +1,125 @@
+//! The command line: `plan`, `verify`, `scenario`, `serve`, `health`.
+//!
+//! Exit codes: 0 for success (a plan was found, the plan is valid, the service ended as asked), 1
+//! for a negative answer (no plan found, the plan is invalid, the service is not healthy), 2 for
+//! input or surroundings that cannot be used.
+
+mod budget;
+mod health;
+mod input;
+mod logging;
+mod plan;
+mod scenario;
+mod serve;
+mod verify;
+
+use std::io;
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use clap::{Parser, Subcommand};
+
+use self::logging::LogFormat;
+use crate::scenario::ScenarioError;
+use crate::wire::Fault;
+
+/// Plans for robot arms that work together.
+#[derive(Debug, Parser)]
+#[command(
+    name = "quadrille",
+    version,
+    about,
+    after_help = "Exit codes: 0 success, 1 a negative answer \
+    (no plan, invalid plan, not healthy), 2 unusable input."
+)]
+struct Arguments {
+    /// How log lines are written to stderr
+    #[arg(long, global = true, value_enum, default_value = "text", env = "QUADRILLE_LOG_FORMAT")]
+    log_format: LogFormat,
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    /// Plan for a problem file; the best plan goes to stdout
+    Plan(plan::Arguments),
+    /// Judge a plan for a problem
+    Verify(verify::Arguments),
+    /// Problems of the benchmark families
+    Scenario(scenario::Arguments),
+    /// Run the service
+    Serve(serve::Arguments),
+    /// Ask a running service whether it is ready
+    Health(health::Arguments),
+}
+
+/// How a command ended, when it ended as it should.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Answer {
+    /// Exit code 0.
+    Yes,
+    /// Exit code 1.
+    No,
+}
+
+/// Why a command could not do its work.
+#[derive(Debug, thiserror::Error)]
+enum CliError {
+    /// A file could not be read.
+    #[error("{}: {source}", path.display())]
+    Read { path: PathBuf, source: io::Error },
+    /// Output could not be written.
+    #[error("{}: {source}", path.display())]
+    Write { path: PathBuf, source: io::Error },
+    /// A document has faults.
+    #[error("{}: {} fault(s)", path.display(), faults.len())]
+    Faults { path: PathBuf, faults: Vec<Fault> },
+    /// No scenario can be made like this.
+    #[error(transparent)]
+    Scenario(ScenarioError),
+    /// The service could not be started, or failed.
+    #[error("{0}: {1}")]
+    Service(String, io::Error),
+}
+
+/// Runs the command that the process was called with.
+pub fn main() -> ExitCode {
+    let arguments = Arguments::parse();
+    logging::start(arguments.log_format, matches!(arguments.command, Command::Serve(_)));
+    let answer = match arguments.command {
+        Command::Plan(arguments) => plan::run(&arguments),
+        Command::Verify(arguments) => verify::run(&arguments),
+        Command::Scenario(arguments) => scenario::run(&arguments),
+        Command::Serve(arguments) => serve::run(&arguments),
+        Command::Health(arguments) => Ok(health::run(&arguments)),
+    };
+    match answer {
+        Ok(Answer::Yes) => ExitCode::SUCCESS,
+        Ok(Answer::No) => ExitCode::from(1),
+        // Whoever reads our output has enough of it.
+        Err(CliError::Write { source, .. }) if source.kind() == io::ErrorKind::BrokenPipe => {
+            ExitCode::SUCCESS
+        }
+        Err(error) => {
+            eprintln!("error: {error}");
+            if let CliError::Faults { faults, .. } = &error {
+                for fault in faults {
+                    eprintln!("  {}", input::fault_line(fault));
+                }
+            }
+            ExitCode::from(2)
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::CommandFactory;
+
+    #[test]
+    fn the_arguments_are_consistent() {
+        Arguments::command().debug_assert();
+    }
+}

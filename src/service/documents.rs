@@ -1,0 +1,159 @@
+//! Jobs and events as JSON (FORMAT "Events" and "Job").
+
+use serde::Serialize;
+use serde_json::Value;
+
+use crate::jobs::{Delivery, EventBody, JobRecord, JobState, TerminationReason};
+use crate::wire::plan::MetricsDocument;
+
+/// A job.
+#[derive(Debug, Serialize)]
+pub struct JobDocument {
+    id: String,
+    state: &'static str,
+    termination_reason: Option<&'static str>,
+    labels: serde_json::Map<String, Value>,
+    attempt: u32,
+    created_at: String,
+    queued_at: Option<String>,
+    started_at: Option<String>,
+    finished_at: Option<String>,
+    queue_position: Option<usize>,
+    best: Option<MetricsDocument>,
+    diagnosis: Option<String>,
+    last_seq: u64,
+    links: Links,
+}
+
+#[derive(Debug, Serialize)]
+struct Links {
+    #[serde(rename = "self")]
+    this: String,
+    events: String,
+    best: String,
+    cancel: String,
+}
+
+impl JobDocument {
+    /// The document of a job and its place in the queue.
+    pub fn new(record: &JobRecord, queue_position: Option<usize>) -> Self {
+        let path = job_path(record);
+        Self {
+            id: record.id.to_string(),
+            state: record.state.as_str(),
+            termination_reason: record.termination_reason.map(TerminationReason::as_str),
+            labels: serde_json::Map::new(),
+            attempt: record.attempt,
+            created_at: record.created_at.to_string(),
+            queued_at: record.queued_at.map(|at| at.to_string()),
+            started_at: record.started_at.map(|at| at.to_string()),
+            finished_at: record.finished_at.map(|at| at.to_string()),
+            queue_position: if record.state == JobState::Queued { queue_position } else { None },
+            best: record.best.as_ref().map(|best| MetricsDocument::from(&best.metrics)),
+            diagnosis: record.diagnosis.clone(),
+            last_seq: record.last_seq,
+            links: Links {
+                events: format!("{path}/events"),
+                best: format!("{path}/solutions/best"),
+                cancel: format!("{path}/cancel"),
+                this: path,
+            },
+        }
+    }
+}
+
+/// Where a job is found.
+pub fn job_path(record: &JobRecord) -> String {
+    format!("/v1/jobs/{}", record.id)
+}
+
+#[derive(Serialize)]
+struct EventDocument<'a> {
+    seq: u64,
+    job_id: String,
+    attempt: u32,
+    at: String,
+    #[serde(flatten)]
+    body: BodyDocument<'a>,
+}
+
+#[derive(Serialize)]
+#[serde(tag = "type", rename_all = "snake_case")]
+enum BodyDocument<'a> {
+    Queued {
+        position: usize,
+    },
+    Started,
+    Progress {
+        elapsed_s: f64,
+        phase: &'a str,
+        iterations: u64,
+        steps_lower_bound: Option<usize>,
+    },
+    Incumbent {
+        revision: u64,
+        metrics: MetricsDocument,
+        skipped: u64,
+        #[serde(skip_serializing_if = "Option::is_none")]
+        href: Option<String>,
+    },
+    Terminal {
+        state: &'static str,
+        termination_reason: &'static str,
+        metrics: Option<MetricsDocument>,
+        #[serde(skip_serializing_if = "Option::is_none")]
+        diagnosis: Option<&'a str>,
+    },
+}
+
+/// An event as one line of JSON, without the line's end. Plans larger than `inline_limit` bytes
+/// are referred to by `href`.
+pub fn event_line(delivery: &Delivery, inline_limit: usize) -> String {
+    let event = &*delivery.event;
+    let mut inline = None;
+    let body = match &event.body {
+        EventBody::Queued { position } => BodyDocument::Queued { position: *position },
+        EventBody::Started => BodyDocument::Started,
+        EventBody::Progress(progress) => BodyDocument::Progress {
+            elapsed_s: progress.elapsed_s,
+            phase: progress.phase,
+            iterations: progress.iterations,
+            steps_lower_bound: progress.steps_lower_bound,
+        },
+        EventBody::Incumbent(incumbent) => {
+            let fits = incumbent.document.len() <= inline_limit;
+            inline = fits.then_some(&incumbent.document);
+            let href = format!("/v1/jobs/{}/solutions/{}", event.job, incumbent.revision);
+            BodyDocument::Incumbent {
+                revision: incumbent.revision,
+                metrics: MetricsDocument::from(&incumbent.metrics),
+                skipped: delivery.skipped,
+                href: if fits { None } else { Some(href) },
+            }
+        }
+        EventBody::Terminal(terminal) => BodyDocument::Terminal {
+            state: terminal.reason.state().as_str(),
+            termination_reason: terminal.reason.as_str(),
+            metrics: terminal.metrics.as_ref().map(MetricsDocument::from),
+            diagnosis: terminal.diagnosis.as_deref(),
+        },
+    };
+    let document = EventDocument {
+        seq: event.seq,
+        job_id: event.job.to_string(),
+        attempt: event.attempt,
+        at: event.at.to_string(),
+        body,
+    };
+    let mut line = serde_json::to_string(&document).unwrap_or_default();
+    // The plan is a JSON text already: it goes in as it is, before the closing brace.
+    if let Some(plan) = inline
+        && line.pop().is_some()
+    {
+        line.reserve(plan.len() + 10);
+        line.push_str(",\"plan\":");
+        line.push_str(plan);
+        line.push('}');
+    }
+    line
+}

@@ -1,0 +1,274 @@
+//! What can go wrong with a request, and how HTTP and gRPC say it. The one place that maps errors
+//! to statuses.
+
+use axum::body::Body;
+use axum::http::{HeaderValue, StatusCode, header};
+use axum::response::{IntoResponse, Response};
+use serde::Serialize;
+use tonic::metadata::{MetadataMap, MetadataValue};
+
+use crate::jobs::{BadJobId, QueueRefusal, StoreError};
+use crate::wire::{Fault, FaultCode};
+
+/// Media type of problem documents.
+pub const PROBLEM_JSON: &str = "application/problem+json";
+/// gRPC metadata that carries the problem document.
+pub const PROBLEM_METADATA: &str = "quadrille-problem-bin";
+/// Most faults that go into gRPC metadata, which clients bound to 16 KiB or so.
+const METADATA_FAULTS: usize = 16;
+
+/// Why a request is refused.
+#[derive(Debug, thiserror::Error)]
+pub enum ApiError {
+    /// The body is no JSON.
+    #[error("the body is not a JSON document")]
+    InvalidJson(Vec<Fault>),
+    /// The document breaks rules of the format or of geometry.
+    #[error("the problem has {} fault(s)", .0.len())]
+    InvalidProblem(Vec<Fault>),
+    /// Goals lie beyond the greatest reach of every arm.
+    #[error("a goal lies beyond the greatest reach of every arm: {}", unreachable(.0))]
+    GoalUnreachable(Vec<Fault>),
+    /// The document is no plan for the problem.
+    #[error("the plan cannot be read: it has {} fault(s)", .0.len())]
+    InvalidPlan(Vec<Fault>),
+    /// The body is too large.
+    #[error("the body is larger than {limit} bytes")]
+    TooLarge {
+        /// What is taken at most.
+        limit: usize,
+    },
+    /// The body did not arrive in time.
+    #[error("the body did not arrive within {seconds} s")]
+    BodyTimeout {
+        /// How long was waited.
+        seconds: u64,
+    },
+    /// The body broke off.
+    #[error("the body could not be read to its end")]
+    BodyBroken,
+    /// The body has a media type or encoding that is not read here.
+    #[error("the body must be application/json, uncompressed, not {0}")]
+    UnsupportedMediaType(String),
+    /// None of the media types that the client accepts is written here.
+    #[error("this resource comes as {0} only")]
+    NotAcceptable(&'static str),
+    /// A parameter of the path, the query or a header is no good.
+    #[error("{name}: {message}")]
+    BadParameter {
+        /// Which one.
+        name: &'static str,
+        /// What is wrong.
+        message: String,
+    },
+    /// Nothing is there.
+    #[error("there is no {what} here")]
+    NotFound {
+        /// What was looked for.
+        what: String,
+    },
+    /// The job has no such plan, or none yet.
+    #[error("the job has no such plan")]
+    NoSolution,
+    /// The resource does not know the method.
+    #[error("this resource does not take that method")]
+    MethodNotAllowed,
+    /// The queue is full.
+    #[error("the queue is full: {0}")]
+    QueueFull(QueueRefusal, u64),
+    /// The service is not up, or about to end.
+    #[error("the service is not ready")]
+    Unavailable,
+    /// Our fault.
+    #[error("the service failed on this request")]
+    Internal,
+}
+
+fn unreachable(faults: &[Fault]) -> String {
+    faults.first().map(|fault| fault.message.clone()).unwrap_or_default()
+}
+
+/// A problem document, RFC 9457 with FORMAT.md's members.
+#[derive(Debug, Serialize)]
+pub struct ProblemDocument {
+    r#type: String,
+    title: &'static str,
+    status: u16,
+    detail: String,
+    code: &'static str,
+    retryable: bool,
+    errors: Vec<Fault>,
+}
+
+impl ApiError {
+    /// The refusal of a problem document with these faults.
+    pub fn of_problem(faults: Vec<Fault>) -> Self {
+        let all = |code| faults.iter().all(|fault| fault.code == code);
+        if all(FaultCode::InvalidJson) {
+            ApiError::InvalidJson(faults)
+        } else if all(FaultCode::GoalUnreachable) {
+            ApiError::GoalUnreachable(faults)
+        } else {
+            ApiError::InvalidProblem(faults)
+        }
+    }
+
+    /// The refusal of a plan document with these faults.
+    pub fn of_plan(faults: Vec<Fault>) -> Self {
+        ApiError::InvalidPlan(faults)
+    }
+
+    /// HTTP status, stable code and title.
+    fn kind(&self) -> (StatusCode, &'static str, &'static str) {
+        use ApiError as E;
+        match self {
+            E::InvalidJson(_) => (StatusCode::BAD_REQUEST, "invalid_json", "Not a JSON document"),
+            E::InvalidProblem(_) => {
+                (StatusCode::UNPROCESSABLE_ENTITY, "invalid_problem", "The problem cannot be used")
+            }
+            E::GoalUnreachable(_) => {
+                (StatusCode::UNPROCESSABLE_ENTITY, "goal_unreachable", "A goal is out of reach")
+            }
+            E::InvalidPlan(_) => {
+                (StatusCode::UNPROCESSABLE_ENTITY, "invalid_plan", "The plan cannot be read")
+            }
+            E::TooLarge { .. } => (StatusCode::PAYLOAD_TOO_LARGE, "too_large", "The body is too large"),
+            E::BodyTimeout { .. } => {
+                (StatusCode::REQUEST_TIMEOUT, "body_timeout", "The body came too slowly")
+            }
+            E::BodyBroken => (StatusCode::BAD_REQUEST, "body_broken", "The body broke off"),
+            E::UnsupportedMediaType(_) => {
+                (StatusCode::UNSUPPORTED_MEDIA_TYPE, "unsupported_media_type", "Unsupported media type")
+            }
+            E::NotAcceptable(_) => (StatusCode::NOT_ACCEPTABLE, "not_acceptable", "Not acceptable"),
+            E::BadParameter { .. } => (StatusCode::BAD_REQUEST, "bad_parameter", "Unusable parameter"),
+            E::NotFound { .. } => (StatusCode::NOT_FOUND, "not_found", "Not found"),
+            E::NoSolution => (StatusCode::NOT_FOUND, "no_solution", "No such plan"),
+            E::MethodNotAllowed => {
+                (StatusCode::METHOD_NOT_ALLOWED, "method_not_allowed", "Method not allowed")
+            }
+            E::QueueFull(..) => (StatusCode::TOO_MANY_REQUESTS, "queue_full", "The queue is full"),
+            E::Unavailable => (StatusCode::SERVICE_UNAVAILABLE, "unavailable", "Not ready"),
+            E::Internal => (StatusCode::INTERNAL_SERVER_ERROR, "internal", "Internal error"),
+        }
+    }
+
+    /// The HTTP status.
+    pub fn status(&self) -> StatusCode {
+        self.kind().0
+    }
+
+    /// The gRPC status code.
+    pub fn grpc_code(&self) -> tonic::Code {
+        use ApiError as E;
+        match self {
+            E::InvalidJson(_)
+            | E::InvalidProblem(_)
+            | E::GoalUnreachable(_)
+            | E::InvalidPlan(_)
+            | E::BadParameter { .. }
+            | E::UnsupportedMediaType(_)
+            | E::NotAcceptable(_)
+            | E::BodyBroken => tonic::Code::InvalidArgument,
+            E::TooLarge { .. } | E::QueueFull(..) => tonic::Code::ResourceExhausted,
+            E::BodyTimeout { .. } => tonic::Code::DeadlineExceeded,
+            E::NotFound { .. } | E::NoSolution => tonic::Code::NotFound,
+            E::MethodNotAllowed => tonic::Code::Unimplemented,
+            E::Unavailable => tonic::Code::Unavailable,
+            E::Internal => tonic::Code::Internal,
+        }
+    }
+
+    /// The problem document.
+    pub fn document(&self) -> ProblemDocument {
+        let (status, code, title) = self.kind();
+        let errors = match self {
+            ApiError::InvalidJson(faults)
+            | ApiError::InvalidProblem(faults)
+            | ApiError::GoalUnreachable(faults)
+            | ApiError::InvalidPlan(faults) => faults.clone(),
+            ApiError::TooLarge { .. } => {
+                vec![Fault { pointer: String::new(), code: FaultCode::TooLarge, message: self.to_string() }]
+            }
+            _ => Vec::new(),
+        };
+        let retryable = matches!(
+            self,
+            ApiError::QueueFull(..)
+                | ApiError::Unavailable
+                | ApiError::BodyTimeout { .. }
+                | ApiError::BodyBroken
+        );
+        ProblemDocument {
+            r#type: format!("urn:quadrille:error:{code}"),
+            title,
+            status: status.as_u16(),
+            detail: self.to_string(),
+            code,
+            retryable,
+            errors,
+        }
+    }
+
+    fn retry_after_s(&self) -> Option<u64> {
+        match self {
+            ApiError::QueueFull(_, seconds) => Some(*seconds),
+            ApiError::Unavailable => Some(5),
+            _ => None,
+        }
+    }
+}
+
+impl IntoResponse for ApiError {
+    fn into_response(self) -> Response {
+        let text = serde_json::to_vec(&self.document()).unwrap_or_default();
+        let mut response = Response::new(Body::from(text));
+        *response.status_mut() = self.status();
+        let headers = response.headers_mut();
+        headers.insert(header::CONTENT_TYPE, HeaderValue::from_static(PROBLEM_JSON));
+        headers.insert(header::CACHE_CONTROL, HeaderValue::from_static("no-store"));
+        if let Some(seconds) = self.retry_after_s() {
+            headers.insert(header::RETRY_AFTER, HeaderValue::from(seconds));
+        }
+        response
+    }
+}
+
+impl From<ApiError> for tonic::Status {
+    fn from(error: ApiError) -> Self {
+        let mut document = error.document();
+        document.errors.truncate(METADATA_FAULTS);
+        let mut metadata = MetadataMap::new();
+        if let Ok(text) = serde_json::to_vec(&document) {
+            metadata.insert_bin(PROBLEM_METADATA, MetadataValue::from_bytes(&text));
+        }
+        tonic::Status::with_metadata(error.grpc_code(), document.detail, metadata)
+    }
+}
+
+impl From<QueueRefusal> for ApiError {
+    fn from(refusal: QueueRefusal) -> Self {
+        match refusal {
+            QueueRefusal::Full { retry_after_s, .. } => ApiError::QueueFull(refusal, retry_after_s),
+            QueueRefusal::Stopping => ApiError::Unavailable,
+        }
+    }
+}
+
+impl From<StoreError> for ApiError {
+    fn from(error: StoreError) -> Self {
+        match error {
+            StoreError::UnknownJob(job) => ApiError::NotFound { what: format!("job {job}") },
+            StoreError::OutOfTurn { .. } => {
+                tracing::error!(%error, "the store refused an event");
+                ApiError::Internal
+            }
+        }
+    }
+}
+
+impl From<BadJobId> for ApiError {
+    fn from(_: BadJobId) -> Self {
+        ApiError::NotFound { what: "job of that id".to_owned() }
+    }
+}

@@ -1,0 +1,103 @@
+//! `POST /v1/validate` and `POST /v1/verify`: reading and judging without planning.
+
+use std::sync::Arc;
+
+use axum::body::Body;
+use axum::extract::State;
+use axum::http::{HeaderMap, Uri};
+use axum::response::Response;
+use serde::Serialize;
+use serde_json::Value;
+
+use super::super::body::read_json;
+use super::super::intake::{blocking, validate as read};
+use super::super::{ApiError, App};
+use crate::wire::{self, Fault, FaultCode, LibraryOnly};
+
+#[derive(Serialize)]
+struct Validated {
+    valid: bool,
+    name: String,
+    problem_digest: String,
+    arms: usize,
+    objects: usize,
+    warnings: Vec<Fault>,
+}
+
+/// `POST /v1/validate`: reads the problem in the body; 200 with the warnings, or its faults.
+pub(super) async fn validate(
+    State(app): State<Arc<App>>,
+    uri: Uri,
+    headers: HeaderMap,
+    body: Body,
+) -> Result<Response, ApiError> {
+    let [] = super::query(&uri, [])?;
+    let document = read_json(&headers, body, app.config.read_limits.max_bytes).await?;
+    let wire::ReadProblem { problem, warnings } = read(&app, document).await?;
+    Ok(super::json(&Validated {
+        valid: true,
+        arms: problem.workcell.arms.len(),
+        objects: problem.objects.len(),
+        name: problem.name,
+        problem_digest: problem.digest,
+        warnings,
+    }))
+}
+
+/// `POST /v1/verify`: judges `{"problem", "plan"}`; 200 with the verdict, valid or not.
+pub(super) async fn verify(
+    State(app): State<Arc<App>>,
+    uri: Uri,
+    headers: HeaderMap,
+    body: Body,
+) -> Result<Response, ApiError> {
+    let [] = super::query(&uri, [])?;
+    let limits = app.config.read_limits.clone();
+    // A problem and a plan, each within the bound.
+    let document = read_json(&headers, body, limits.max_bytes.saturating_mul(2)).await?;
+    let verdict = blocking(&app, move || {
+        let parsed = wire::parse_json(&document).map_err(|fault| ApiError::of_problem(vec![fault]))?;
+        let (problem, plan) = parts(&parsed).map_err(ApiError::InvalidProblem)?;
+        let read = wire::read_problem_value(problem, &LibraryOnly, &limits)
+            .map_err(|faults| ApiError::of_problem(below("/problem", faults)))?;
+        let plan = wire::plan::read_plan_value(plan, &read.problem)
+            .map_err(|faults| ApiError::of_plan(below("/plan", faults)))?;
+        Ok(crate::verify::verify(&read.problem, &plan))
+    })
+    .await?;
+    Ok(super::json(&verdict))
+}
+
+/// The two members of the body, and nothing else.
+fn parts(body: &Value) -> Result<(&Value, &Value), Vec<Fault>> {
+    let fault = |pointer: String, code, message: &str| Fault { pointer, code, message: message.to_owned() };
+    let Some(fields) = body.as_object() else {
+        let message = "send an object with `problem` and `plan`";
+        return Err(vec![fault(String::new(), FaultCode::WrongType, message)]);
+    };
+    let mut faults: Vec<Fault> = fields
+        .keys()
+        .filter(|key| !["problem", "plan"].contains(&key.as_str()))
+        .map(|key| {
+            let pointer = format!("/{}", key.replace('~', "~0").replace('/', "~1"));
+            fault(pointer, FaultCode::UnknownField, "only `problem` and `plan` stand here; remove it")
+        })
+        .collect();
+    for key in ["problem", "plan"] {
+        if !fields.contains_key(key) {
+            faults.push(fault(String::new(), FaultCode::MissingField, &format!("add `{key}`")));
+        }
+    }
+    match (fields.get("problem"), fields.get("plan")) {
+        (Some(problem), Some(plan)) if faults.is_empty() => Ok((problem, plan)),
+        _ => Err(faults),
+    }
+}
+
+/// The faults with their pointers moved below `prefix`.
+fn below(prefix: &str, mut faults: Vec<Fault>) -> Vec<Fault> {
+    for fault in &mut faults {
+        fault.pointer.insert_str(0, prefix);
+    }
+    faults
+}

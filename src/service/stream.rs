@@ -1,0 +1,98 @@
+//! A job's events as the body of a reply.
+
+use std::convert::Infallible;
+use std::sync::Arc;
+use std::time::Duration;
+
+use axum::body::Body;
+use bytes::Bytes;
+use futures::StreamExt;
+
+use super::App;
+use super::documents::event_line;
+use super::negotiation::StreamFormat;
+use crate::jobs::{Delivery, JobId, Subscription};
+
+/// How often a silent SSE stream shows that it is alive.
+const KEEP_ALIVE: Duration = Duration::from_secs(15);
+/// What SSE clients are told to wait before they come back after a shutdown.
+const RETRY: &[u8] = b"retry: 2000\n\n";
+
+/// Cancels its job when it is dropped before the job's events have ended.
+pub struct CancelOnDrop {
+    app: Arc<App>,
+    job: JobId,
+    armed: bool,
+}
+
+impl CancelOnDrop {
+    /// Watches over `job`; does nothing unless `armed`.
+    pub fn new(app: Arc<App>, job: JobId, armed: bool) -> Self {
+        Self { app, job, armed }
+    }
+
+    /// Lets the job go on.
+    pub fn disarm(&mut self) {
+        self.armed = false;
+    }
+}
+
+impl Drop for CancelOnDrop {
+    fn drop(&mut self) {
+        if self.armed {
+            // A job that is gone or has ended needs no cancelling.
+            let _ = self.app.jobs.cancel(self.job);
+        }
+    }
+}
+
+/// The body that streams what `subscription` gives. It ends after the terminal event, or when the
+/// service shuts down.
+pub fn event_body(
+    app: Arc<App>,
+    mut subscription: Subscription,
+    format: StreamFormat,
+    mut guard: CancelOnDrop,
+) -> Body {
+    let stream = async_stream::stream! {
+        let mut keep_alive = tokio::time::interval(KEEP_ALIVE);
+        keep_alive.reset();
+        loop {
+            tokio::select! {
+                biased;
+                delivery = subscription.next() => {
+                    let Some(delivery) = delivery else { break };
+                    keep_alive.reset();
+                    yield Ok::<Bytes, Infallible>(written(&delivery, format, app.config.inline_plan_bytes));
+                }
+                () = app.shutdown.cancelled() => {
+                    if format == StreamFormat::Sse {
+                        yield Ok(Bytes::from_static(RETRY));
+                    }
+                    break;
+                }
+                _ = keep_alive.tick(), if format == StreamFormat::Sse => {
+                    yield Ok(Bytes::from_static(b": alive\n\n"));
+                }
+            }
+        }
+        guard.disarm();
+    };
+    Body::from_stream(stream)
+}
+
+fn written(delivery: &Delivery, format: StreamFormat, inline_limit: usize) -> Bytes {
+    let mut line = event_line(delivery, inline_limit);
+    match format {
+        StreamFormat::Ndjson => {
+            line.push('\n');
+            Bytes::from(line)
+        }
+        StreamFormat::Sse => {
+            let event = &delivery.event;
+            let kind = event.body.kind();
+            let id = if event.body.is_durable() { format!("id: {}\n", event.seq) } else { String::new() };
+            Bytes::from(format!("{id}event: {kind}\ndata: {line}\n\n"))
+        }
+    }
+}
