@@ -1,6 +1,6 @@
 //! Joint values: fitting angles into limits, distances between configurations.
 
-use std::f64::consts::TAU;
+use std::f64::consts::{PI, TAU};
 
 use crate::kinematics::JointLimits;
 
@@ -9,7 +9,10 @@ const LIMIT_SLACK: f64 = 1e-10;
 
 /// The angle `angle` + a multiple of 2 pi that lies within `limits`, the one nearest to `near`.
 pub(super) fn fit(angle: f64, limits: &JointLimits, near: f64) -> Option<f64> {
-    let mut value = angle + TAU * ((near - angle) / TAU).round();
+    let mut value = angle;
+    if (near - angle).abs() > PI {
+        value += TAU * ((near - angle) / TAU).round();
+    }
     if value < limits.lower - LIMIT_SLACK {
         value += TAU * ((limits.lower - LIMIT_SLACK - value) / TAU).ceil();
     } else if value > limits.upper + LIMIT_SLACK {
@@ -27,7 +30,11 @@ pub(super) fn neutral(limits: &JointLimits) -> f64 {
 
 /// The shorter way (rad, not negative) between two angles.
 pub(super) fn turn_between(a: f64, b: f64) -> f64 {
-    let turn = (a - b).rem_euclid(TAU);
+    let difference = (a - b).abs();
+    if difference <= PI {
+        return difference;
+    }
+    let turn = difference.rem_euclid(TAU);
     turn.min(TAU - turn)
 }
 

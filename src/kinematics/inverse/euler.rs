@@ -46,25 +46,30 @@ impl AxisTriple {
     }
 
     /// The three angles (rad) whose turns about the axes make the rotation R, from
-    /// `m` = frame^T R end. Where the outer two angles are not determined, the first is `hold`.
-    pub fn angles(&self, m: &Matrix3<f64>, side: Side, hold: f64) -> [f64; 3] {
-        let sine = m[(0, 2)].hypot(m[(1, 2)]);
-        let (first, middle_sine, c, s);
+    /// `m` = frame^T R end: with the middle angle (shift included) positive, then negative. Where
+    /// the outer two angles are not determined, the first is `hold`.
+    pub fn angles(&self, m: &Matrix3<f64>, hold: f64) -> [[f64; 3]; 2] {
+        let sine = (m[(0, 2)] * m[(0, 2)] + m[(1, 2)] * m[(1, 2)]).sqrt();
         if sine < SINGULAR_SINE {
-            first = hold;
-            (s, c) = hold.sin_cos();
-            middle_sine = c * m[(0, 2)] + s * m[(1, 2)];
-        } else {
-            let sign = if side == Side::Positive { 1.0 } else { -1.0 };
-            (c, s) = (sign * m[(0, 2)] / sine, sign * m[(1, 2)] / sine);
-            first = s.atan2(c);
-            middle_sine = sign * sine;
+            let (s, c) = hold.sin_cos();
+            let middle = f64::atan2(c * m[(0, 2)] + s * m[(1, 2)], m[(2, 2)]);
+            return [[hold, middle - self.shift, third(m, c, s)]; 2];
         }
-        let middle = f64::atan2(middle_sine, m[(2, 2)]);
-        // The third angle from what the first leaves over: exact near the singularity, too.
-        let third = f64::atan2(c * m[(1, 0)] - s * m[(0, 0)], c * m[(1, 1)] - s * m[(0, 1)]);
-        [first, middle - self.shift, third]
+        let (c, s) = (m[(0, 2)] / sine, m[(1, 2)] / sine);
+        let (first, middle, third) = (s.atan2(c), sine.atan2(m[(2, 2)]), third(m, c, s));
+        [[first, middle - self.shift, third], [opposite(first), -middle - self.shift, opposite(third)]]
     }
+}
+
+/// The third angle, from what the first (cosine `c`, sine `s`) leaves over: exact near the
+/// singularity, too.
+fn third(m: &Matrix3<f64>, c: f64, s: f64) -> f64 {
+    f64::atan2(c * m[(1, 0)] - s * m[(0, 0)], c * m[(1, 1)] - s * m[(0, 1)])
+}
+
+/// Half a turn on, kept within a turn about 0.
+fn opposite(angle: f64) -> f64 {
+    if angle > 0.0 { angle - std::f64::consts::PI } else { angle + std::f64::consts::PI }
 }
 
 #[cfg(test)]
@@ -90,8 +95,7 @@ mod tests {
             let middle = if straight { -triple.shift } else { q[1] };
             let rotation = turn(&first, q[0]) * turn(&second, middle) * turn(&third, q[2]);
             let m = triple.frame.transpose() * rotation * triple.end;
-            for side in Side::BOTH {
-                let a = triple.angles(&m, side, 0.4);
+            for a in triple.angles(&m, 0.4) {
                 let again = turn(&first, a[0]) * turn(&second, a[1]) * turn(&third, a[2]);
                 prop_assert!((again - rotation).norm() < 1e-10);
             }

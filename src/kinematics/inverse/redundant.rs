@@ -16,7 +16,7 @@ use crate::run::Rng;
 /// Psi advances by the golden angle, which spreads any number of draws evenly.
 const GOLDEN_ANGLE: f64 = 2.399_963_229_728_653;
 /// Draws of psi without any solution before the windows are computed.
-const BLIND_DRAWS: usize = 6;
+const BLIND_DRAWS: usize = 8;
 /// Steps of psi in the sweep for the closest solution.
 const SWEEP: usize = 36;
 /// Two solutions whose joints all agree within this (rad) are one.
@@ -36,20 +36,21 @@ impl SphericalSeven {
         let near = neutral_all(limits);
         let per_psi = max.div_ceil(4);
         let start = rng.random::<f64>() * TAU;
+        let first_elbow: usize = rng.random_range(0..2);
         for draw in 0..BLIND_DRAWS + 4 * max {
             if out.len() >= max || (draw >= BLIND_DRAWS && out.is_empty()) {
                 break;
             }
-            let psi = start + draw as f64 * GOLDEN_ANGLE;
-            let angles = [0, 1].map(|elbow| self.angles(&aim.elbows[elbow], psi, &near));
-            let first: usize = rng.random_range(0..8);
+            let elbow = (first_elbow + draw) % 2;
+            let angles = self.angles(&aim.elbows[elbow], start + draw as f64 * GOLDEN_ANGLE, &near);
+            let first: usize = rng.random_range(0..4);
             let mut taken = 0;
-            for index in 0..8 {
-                let branch = branch_of((first + index * 3) % 8);
-                if taken < per_psi
-                    && out.len() < max
-                    && let Some(q) = angles[branch.elbow].within(branch, limits, &near)
-                {
+            for index in 0..4 {
+                if taken == per_psi || out.len() >= max {
+                    break;
+                }
+                let branch = branch_of((first + index) % 4 << 1 | elbow);
+                if let Some(q) = angles.within(branch, limits, &near) {
                     taken += push_new(out, &q);
                 }
             }

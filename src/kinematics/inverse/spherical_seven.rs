@@ -183,13 +183,10 @@ impl SphericalSeven {
         let (sine, cosine) = psi.sin_cos();
         let shoulder = aim.shoulder.at(cosine, sine);
         let wrist = aim.wrist.at(cosine, sine);
-        let both = |triple: &AxisTriple, m: &Matrix3<f64>, hold: f64| {
-            Side::BOTH.map(|side| triple.angles(m, side, hold))
-        };
         ElbowAngles {
             q4: aim.q4,
-            shoulder: both(&self.shoulder, &shoulder, hold[0]),
-            wrist: both(&self.wrist, &wrist, hold[4]),
+            shoulder: self.shoulder.angles(&shoulder, hold[0]),
+            wrist: self.wrist.angles(&wrist, hold[4]),
         }
     }
 
