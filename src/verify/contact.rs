@@ -360,12 +360,13 @@ impl Inspector<'_, '_> {
                     still_open.push(index);
                 }
             } else if apart.estimate <= -TOLERANCE {
-                self.overlap(&pair, &apart, middle, true);
+                let since = if motion <= UNDECIDED { from } else { middle };
+                self.overlap(&pair, &apart, since, true);
                 if to - from > FOLLOW && motion > UNDECIDED {
                     still_open.push(index);
                 }
             } else if motion <= UNDECIDED || to - from <= SHORTEST {
-                self.overlap(&pair, &apart, middle, false);
+                self.overlap(&pair, &apart, from, false);
             } else {
                 still_open.push(index);
             }

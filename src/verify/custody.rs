@@ -9,13 +9,12 @@ use nalgebra::{Rotation3, UnitQuaternion};
 use super::arms::Arms;
 use super::gap::Frame;
 use super::motion_limits::REST_SPEED;
-use super::resting;
 use super::structure::SAME_TIME;
 use super::verdict::{Report, Rule, beyond};
 use crate::geometry::{Pose, Vec3};
 use crate::plan::{Action, ActionKind, Plan};
 use crate::problem::{GoalPlacement, InitialPlacement, Problem};
-use crate::workcell::{ArmId, ObjectId, ObjectModel, SurfaceId, Symmetry};
+use crate::workcell::{ArmId, ObjectId, ObjectModel, RestFault, SurfaceId, Symmetry, rests_on};
 
 /// How far a stated pose may be from the real one (m).
 const POSITION_TOLERANCE: f64 = 1e-3;
@@ -272,9 +271,19 @@ impl State<'_> {
                     self.fault(Rule::PlacePose, action, *arm, off, message);
                 }
                 let under = &self.problem.workcell.surfaces[surface.0];
-                if let Err(fault) = resting::check(self.object(action.object), &frame, under) {
-                    let message = format!("the object does not rest on {}: {}", under.id, fault.why);
-                    self.fault(Rule::Resting, action, *arm, fault.amount, message);
+                if let Err(fault) = rests_on(&self.object(action.object).shapes, &frame.to_pose(), under) {
+                    let why = match fault {
+                        RestFault::Height(height) if height > 0.0 => "it floats",
+                        RestFault::Height(_) => "it sinks in",
+                        RestFault::Outside(_) => "it stands over the rim",
+                        RestFault::Topples(_) => "its centre is not above the points that touch",
+                    };
+                    let message = format!(
+                        "the object does not rest on {}: {why} by {:.2} mm",
+                        under.id,
+                        fault.by() * 1e3
+                    );
+                    self.fault(Rule::Resting, action, *arm, fault.by(), message);
                 }
                 let custody = Custody::Resting { frame, surface: *surface };
                 self.spells[action.object.0].push(Spell { from: action.t, custody });
@@ -342,8 +351,9 @@ impl State<'_> {
             return;
         }
         let stated = Frame::of(stated);
+        let opening = self.problem.workcell.arms[arm.0].tool.max_opening;
         let mut nearest = (f64::INFINITY, f64::INFINITY);
-        for grasp in &self.object(action.object).grasps {
+        for grasp in self.object(action.object).grasps.iter().filter(|grasp| grasp.fits(opening)) {
             let (off, turn) = difference(&Frame::of(&grasp.object_in_tcp), &stated);
             if within(off, turn) {
                 return;
@@ -353,7 +363,7 @@ impl State<'_> {
             }
         }
         let message = format!(
-            "this is none of the object's grasps; the nearest is {:.2} mm and {:.2} degrees away",
+            "this is none of the object's grasps that fit the gripper; the nearest is {:.2} mm and {:.2} degrees away",
             nearest.0 * 1e3,
             nearest.1.to_degrees()
         );

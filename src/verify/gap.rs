@@ -30,6 +30,12 @@ impl Frame {
         Self { rotation: *pose.rotation.to_rotation_matrix().matrix(), position: pose.translation.vector }
     }
 
+    pub(super) fn to_pose(self) -> Pose {
+        let rotation = nalgebra::Rotation3::from_matrix_unchecked(self.rotation);
+        let rotation = nalgebra::UnitQuaternion::from_rotation_matrix(&rotation);
+        Pose::from_parts(self.position.into(), rotation)
+    }
+
     pub(super) fn compose(&self, other: &Frame) -> Self {
         Self { rotation: self.rotation * other.rotation, position: self.apply(&other.position) }
     }
@@ -160,6 +166,9 @@ impl Part {
     }
 }
 
+/// By how much (m) an algorithm's claim may exceed what its axis shows before other axes are tried.
+const DOUBT: f64 = 1e-5;
+
 /// A lower bound (m) on the signed distance of `b` from `a`: how far they are apart along the unit
 /// vector `axis`.
 pub(super) fn lower_along(a: &Part, at: &Frame, b: &Part, b_at: &Frame, axis: &Vec3) -> f64 {
@@ -203,49 +212,76 @@ pub(super) fn gap(a: &Part, at: &Frame, b: &Part, b_at: &Frame, enough: f64) -> 
     }
     let start = second.frame.position - first.frame.position;
     let start = start.try_normalize(1e-9).unwrap_or_else(Vec3::x);
-    let mut simplex = VoronoiSimplex::new();
-    let identity = ParryPose::IDENTITY;
-    simplex.reset(CsoPoint::from_shapes(&identity, &first, &second, start.into()));
-    let mut result =
-        gjk::closest_points(&identity, &first, &second, enough.max(0.0) + pad, true, &mut simplex);
-    if result == GJKResult::Intersection
-        && let Some((p, r, axis)) = EPA::new().closest_points(&identity, &first, &second, &simplex)
-    {
-        result = GJKResult::ClosestPoints(p, r, axis);
+    let (axes, claim) = closest(&first, &second, &start, enough.max(0.0) + pad);
+    let mut best = (f64::NEG_INFINITY, start);
+    let mut consider = |axis: Vec3| {
+        let lower = lower_along(a, at, b, b_at, &axis);
+        if lower > best.0 {
+            best = (lower, axis);
+        }
+        best
+    };
+    for axis in axes.into_iter().flatten() {
+        consider(axis);
     }
+    let (lower, _) = consider(start);
+    let claim = claim.map(|claim| claim - pad);
+    // Where the algorithms fail, or claim more than their axes show (as they do where shapes just
+    // touch), the shapes' own axes help, and those found with the shapes moved apart.
+    if lower <= enough && claim.is_none_or(|claim| lower < claim - DOUBT) {
+        let (mut lower, mut axis) = (lower, start);
+        for own in own_axes(&first, &second) {
+            (lower, axis) = consider(own);
+        }
+        for _ in 0..3 {
+            let mut frame = second.frame;
+            frame.position += axis * (1e-3 - lower.min(0.0));
+            let moved = WorldCore { core: second.core, frame };
+            let before = lower;
+            let (axes, _) = closest(&first, &moved, &axis, f64::MAX);
+            for axis in axes.into_iter().flatten() {
+                consider(axis);
+            }
+            (lower, axis) = consider(axis);
+            if lower < before + 1e-7 {
+                break;
+            }
+        }
+    }
+    let (lower, axis) = best;
+    Gap { lower, estimate: claim.unwrap_or(lower).max(lower), axis }
+}
+
+/// What GJK, or EPA where the cores overlap, says: axes along which the cores seem farthest apart
+/// or overlap least, and their distance if it is known, negative where they overlap. Stops early
+/// beyond `limit`.
+fn closest(
+    first: &WorldCore<'_>,
+    second: &WorldCore<'_>,
+    start: &Vec3,
+    limit: f64,
+) -> ([Option<Vec3>; 2], Option<f64>) {
     let unit = |axis: ParryVector| {
         let axis = Vec3::new(axis.x, axis.y, axis.z).try_normalize(1e-9)?;
         axis.iter().all(|x| x.is_finite()).then_some(axis)
     };
-    let (axes, estimate) = match result {
-        GJKResult::ClosestPoints(p, r, axis) => (
-            [unit(axis), unit(if (r - p).dot(axis) < 0.0 { p - r } else { r - p })],
-            Some((r - p).dot(axis) - pad),
-        ),
+    let mut simplex = VoronoiSimplex::new();
+    let identity = ParryPose::IDENTITY;
+    simplex.reset(CsoPoint::from_shapes(&identity, first, second, (*start).into()));
+    match gjk::closest_points(&identity, first, second, limit, true, &mut simplex) {
+        GJKResult::ClosestPoints(p, r, axis) => {
+            let distance = (r - p).length();
+            ([unit(axis), unit(r - p)], Some(distance).filter(|distance| distance.is_finite()))
+        }
         GJKResult::NoIntersection(axis) | GJKResult::Proximity(axis) => ([unit(axis), None], None),
-        GJKResult::Intersection => ([None, None], None),
-    };
-    let estimate = estimate.filter(|e| e.is_finite()).unwrap_or(f64::NEG_INFINITY);
-    let mut best: Option<Gap> = None;
-    for axis in axes.into_iter().flatten() {
-        let lower = lower_along(a, at, b, b_at, &axis);
-        if best.is_none_or(|best| lower > best.lower) {
-            best = Some(Gap { lower, estimate, axis });
-        }
-    }
-    // Where the algorithms fail, or claim more than their axis shows, the shapes' own axes help.
-    let doubtful = best.is_none_or(|best| best.estimate == f64::NEG_INFINITY && best.lower <= enough);
-    if doubtful {
-        for axis in own_axes(&first, &second, &start) {
-            let lower = lower_along(a, at, b, b_at, &axis);
-            if best.is_none_or(|best| lower > best.lower) {
-                best = Some(Gap { lower, estimate: lower, axis });
+        GJKResult::Intersection => match EPA::new().closest_points(&identity, first, second, &simplex) {
+            Some((p, r, axis)) => {
+                let distance = (r - p).dot(axis);
+                ([unit(axis), None], Some(distance).filter(|distance| distance.is_finite()))
             }
-        }
+            None => ([None, None], None),
+        },
     }
-    let mut best = best.unwrap_or(Gap { lower: f64::NEG_INFINITY, estimate: f64::NEG_INFINITY, axis: start });
-    best.estimate = best.estimate.max(best.lower);
-    best
 }
 
 /// Half the length of a core that is a line or a point.
@@ -257,21 +293,14 @@ fn line_half(core: &Core) -> Option<f64> {
     }
 }
 
-/// Axes to try when nothing else is known: the frames' axes, their cross products, and the line of
-/// centres; each both ways.
-fn own_axes(first: &WorldCore<'_>, second: &WorldCore<'_>, start: &Vec3) -> Vec<Vec3> {
-    let mut axes = vec![*start];
-    for i in 0..3 {
-        axes.push(first.frame.rotation.column(i).into_owned());
-        axes.push(second.frame.rotation.column(i).into_owned());
-        for j in 0..3 {
-            let cross = first.frame.rotation.column(i).cross(&second.frame.rotation.column(j));
-            axes.extend(cross.try_normalize(1e-6));
-        }
-    }
-    let mirrored: Vec<Vec3> = axes.iter().map(|axis| -axis).collect();
-    axes.extend(mirrored);
-    axes
+/// Axes to try when nothing else is known: the frames' axes and their cross products, each both
+/// ways. For two boxes these are all that count.
+fn own_axes(first: &WorldCore<'_>, second: &WorldCore<'_>) -> impl Iterator<Item = Vec3> {
+    let (one, two) = (first.frame.rotation, second.frame.rotation);
+    let single =
+        move |i: usize| if i < 3 { one.column(i).into_owned() } else { two.column(i - 3).into_owned() };
+    let crosses = move |i: usize| one.column(i / 3).cross(&two.column(i % 3)).try_normalize(1e-6);
+    (0..6).map(single).chain((0..9).filter_map(crosses)).flat_map(|axis| [axis, -axis])
 }
 
 /// The closest points of two segments, each by its centre and its half vector (Ericson, Real-Time
@@ -365,6 +394,25 @@ mod tests {
             }
         }
         assert!(apart > 1000 && overlapping > 500, "{apart} {overlapping}");
+    }
+
+    #[test]
+    fn what_just_touches_is_shown_to() {
+        let cube = Part::new(&PlacedShape {
+            shape: Shape::Box { half_extents: Vec3::repeat(0.03) },
+            pose: Pose::identity(),
+        });
+        let table = Shape::Box { half_extents: Vec3::new(0.3, 0.3, 0.25) };
+        let table = Part::new(&PlacedShape { shape: table, pose: Pose::identity() });
+        let mut rng = Seed(7).stream("gap");
+        for _ in 0..2000 {
+            let turn = UnitQuaternion::from_axis_angle(&Vec3::z_axis(), rng.random_range(-3.0..3.0));
+            let world = random_pose(&mut rng, 1.0);
+            let (x, y) = (rng.random_range(-0.25..0.25), rng.random_range(-0.25..0.25));
+            let above = Pose::from_parts(Translation3::new(x, y, 0.28), turn);
+            let found = gap(&cube, &Frame::of(&(world * above)), &table, &Frame::of(&world), 0.1);
+            assert!(found.lower > -1e-9 && found.estimate < 1e-9, "{found:?}");
+        }
     }
 
     #[test]

@@ -14,10 +14,11 @@ mod custody;
 mod figures;
 mod gap;
 mod motion_limits;
-mod resting;
 mod scene;
 mod straight;
 mod structure;
+#[cfg(test)]
+mod tests;
 mod verdict;
 
 pub use verdict::{Clearance, Figures, Rule, Verdict, Violation};

@@ -5,8 +5,8 @@ use super::custody::Custody;
 use super::gap::{Frame, Part};
 use super::straight::{Touch, Window};
 use crate::geometry::{PlacedShape, Pose, Vec3};
-use crate::problem::Problem;
-use crate::workcell::{ArmId, ObstacleId};
+use crate::problem::{ContactPartner, Problem};
+use crate::workcell::{ArmId, ObjectId, ObstacleId};
 
 /// What a body belongs to.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -147,13 +147,16 @@ impl<'p> Scene<'p> {
                 Custody::Held { arm, .. } => Some(arm.0),
                 Custody::Resting { .. } => None,
             };
+            let may_touch = |partner: ContactPartner| self.problem.may_touch(ObjectId(object), partner);
             let open = |touch: Touch| windows.iter().any(|w| w.object.0 == object && w.touch == touch);
             for a in 0..b {
                 match self.bodies[a].owner {
                     Owner::Arm { arm, node } => {
-                        let in_hand =
-                            self.problem.workcell.arms[arm].hand_groups.contains(&chain(arm).group(node));
-                        if in_hand && (held == Some(arm) || open(Touch::Hand(ArmId(arm)))) {
+                        let group = chain(arm).group(node);
+                        let in_hand = self.problem.workcell.arms[arm].hand_groups.contains(&group);
+                        if (in_hand && (held == Some(arm) || open(Touch::Hand(ArmId(arm)))))
+                            || may_touch(ContactPartner::ArmGroup(ArmId(arm), group))
+                        {
                             continue;
                         }
                         let own = held == Some(arm);
@@ -168,11 +171,17 @@ impl<'p> Scene<'p> {
                             }
                             Custody::Held { .. } => false,
                         };
-                        if !carries && !open(Touch::Carrier(ObstacleId(obstacle))) {
+                        if !carries
+                            && !open(Touch::Carrier(ObstacleId(obstacle)))
+                            && !may_touch(ContactPartner::Obstacle(ObstacleId(obstacle)))
+                        {
                             out.push(Pair { a, b, common: 0, counted: held.is_some() });
                         }
                     }
                     Owner::Object(other) => {
+                        if may_touch(ContactPartner::Object(ObjectId(other))) {
+                            continue;
+                        }
                         let held_too = matches!(custody[other], Custody::Held { .. });
                         out.push(Pair { a, b, common: 0, counted: held.is_some() || held_too });
                     }

@@ -1,0 +1,5 @@
+//! The judge against hand-made plans.
+
+mod contacts;
+mod gantry;
+mod rules;
