@@ -1,0 +1,150 @@
+//! The graph for people: as text, and as DOT for Graphviz.
+
+use std::fmt::Write as _;
+
+use crate::problem::Problem;
+use crate::workcell::ArmId;
+
+use super::graph::{GraphKind, ModeGoal, ModeGraph, Place, Slot};
+
+impl ModeGraph {
+    /// A name for `node` that is unique in the graph and made of the problem's ids:
+    /// `arm left`, `start of red`, `start of red, goal of blue`, `region 7 on table_a`,
+    /// `surface table_a`.
+    pub fn node_name(&self, problem: &Problem, node: usize) -> String {
+        let Some(found) = self.nodes.get(node) else { return format!("node {node}") };
+        let workcell = &problem.workcell;
+        match &found.place {
+            Place::Arm(arm) => format!("arm {}", workcell.arms[arm.0].id),
+            Place::Slot(slot) => slot_name(problem, slot),
+            Place::Region(region) => format!("region {node} on {}", workcell.surfaces[region.surface.0].id),
+            Place::Surface(surface) => format!("surface {}", workcell.surfaces[surface.0].id),
+        }
+    }
+
+    /// The graph as lines of text: nodes, edges (both ways on one line), conflicts, objects.
+    pub fn to_text(&self, problem: &Problem) -> String {
+        let mut out = String::new();
+        let name = |node: usize| self.node_name(problem, node);
+        let names = |nodes: &[usize]| nodes.iter().map(|&node| name(node)).collect::<Vec<_>>().join("; ");
+        let kind = match self.kind {
+            GraphKind::Guidance => "guidance graph",
+            GraphKind::Optimistic => "optimistic graph",
+        };
+        let state = if self.complete { "" } else { " (stopped before it was complete)" };
+        // Writing to a string cannot fail.
+        let _ = writeln!(out, "{kind}{state}: {} nodes, {} edges", self.nodes.len(), self.edges.len());
+        let _ = writeln!(out, "nodes");
+        for (index, node) in self.nodes.iter().enumerate() {
+            let centre = node.centre;
+            let _ = write!(
+                out,
+                "  {index}: {}, capacity {}, at ({:.3}, {:.3}, {:.3})",
+                name(index),
+                node.capacity,
+                centre.x,
+                centre.y,
+                centre.z
+            );
+            if let Place::Region(region) = &node.place {
+                let arm = |arm: &ArmId| problem.workcell.arms[arm.0].id.as_str();
+                let arms = region.arms.iter().map(arm).collect::<Vec<_>>().join(", ");
+                let merged = region.merged.iter().map(|slot| slot_name(problem, slot)).collect::<Vec<_>>();
+                let _ =
+                    write!(out, ", class {}, {} spots, reached by {arms}", region.class, region.spots.len());
+                if !merged.is_empty() {
+                    let _ = write!(out, ", with {}", merged.join("; "));
+                }
+            }
+            let _ = writeln!(out);
+        }
+        let _ = writeln!(out, "edges");
+        for edge in &self.edges {
+            let same = |from: usize, to: usize| {
+                self.edges.iter().any(|e| e.from == from && e.to == to && e.class == edge.class)
+            };
+            let both = same(edge.to, edge.from);
+            if both && edge.from > edge.to {
+                continue;
+            }
+            let arrow = if both { "<->" } else { "->" };
+            let _ = writeln!(
+                out,
+                "  {} {arrow} {}, class {}, {:.3} m",
+                name(edge.from),
+                name(edge.to),
+                edge.class,
+                edge.weight
+            );
+        }
+        if !self.conflicts.is_empty() {
+            let _ = writeln!(out, "together at most");
+        }
+        for conflict in &self.conflicts {
+            let _ = writeln!(out, "  {}: {}", conflict.capacity, names(&conflict.nodes));
+        }
+        let _ = writeln!(out, "objects");
+        for (object, model) in self.objects.iter().zip(&problem.objects) {
+            let goal = match &object.goal {
+                ModeGoal::Nodes(nodes) if nodes.is_empty() => "nowhere that is known".to_owned(),
+                ModeGoal::Nodes(nodes) => names(nodes),
+                ModeGoal::AnyPlacement => "any placement".to_owned(),
+            };
+            let _ =
+                writeln!(out, "  {} (class {}): {} => {goal}", model.id, object.class, name(object.start));
+        }
+        out
+    }
+
+    /// The graph in Graphviz's DOT: arms as boxes, slots as points of interest, regions as ellipses;
+    /// an edge that goes both ways is drawn once.
+    pub fn to_dot(&self, problem: &Problem) -> String {
+        let mut out = String::from("digraph modes {\n  overlap = false;\n");
+        for (index, node) in self.nodes.iter().enumerate() {
+            let shape = match node.place {
+                Place::Arm(_) => "box",
+                Place::Slot(_) => "diamond",
+                Place::Region(_) | Place::Surface(_) => "ellipse",
+            };
+            // Ids are made of letters, digits, `_`, `.` and `-`: nothing to escape.
+            let label = self.node_name(problem, index);
+            let _ = writeln!(
+                out,
+                "  n{index} [shape={shape}, label=\"{label}\\ncapacity {}\", pos=\"{:.3},{:.3}\"];",
+                node.capacity, node.centre.x, node.centre.y
+            );
+        }
+        for edge in &self.edges {
+            let back =
+                self.edges.iter().any(|e| e.from == edge.to && e.to == edge.from && e.class == edge.class);
+            if back && edge.from > edge.to {
+                continue;
+            }
+            let both = if back { ", dir=both" } else { "" };
+            let _ = writeln!(
+                out,
+                "  n{} -> n{} [label=\"class {}, {:.2} m\"{both}];",
+                edge.from, edge.to, edge.class, edge.weight
+            );
+        }
+        for conflict in self.conflicts.iter().filter(|conflict| conflict.nodes.len() == 2) {
+            let _ = writeln!(
+                out,
+                "  n{} -> n{} [style=dashed, dir=none, label=\"{}\"];",
+                conflict.nodes[0], conflict.nodes[1], conflict.capacity
+            );
+        }
+        out.push_str("}\n");
+        out
+    }
+}
+
+fn slot_name(problem: &Problem, slot: &Slot) -> String {
+    let id = |object: crate::workcell::ObjectId| problem.objects[object.0].id.as_str();
+    match (slot.start_of, slot.goal_of) {
+        (Some(start), Some(goal)) => format!("start of {}, goal of {}", id(start), id(goal)),
+        (Some(start), None) => format!("start of {}", id(start)),
+        (None, Some(goal)) => format!("goal of {}", id(goal)),
+        (None, None) => "slot".to_owned(),
+    }
+}

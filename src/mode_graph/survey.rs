@@ -1,0 +1,288 @@
+//! Reach at slots and at spots: the questions that are put to a [`Reach`], one class at a time.
+
+use crate::geometry::Pose;
+use crate::problem::{InitialPlacement, Problem};
+use crate::run::Control;
+use crate::workcell::{ArmId, ObjectId, SurfaceId};
+
+use super::fingers::finger_clearance;
+use super::footprint::Footprint;
+use super::graph::{Slot, Spot};
+use super::handoffs::RestHolds;
+use super::packing::{Bed, pack};
+use super::proof::Proof;
+use super::reach::{Hold, Reach, RestAction};
+use super::regions::{Sample, connect};
+use super::slots::{Slots, symmetric_poses};
+use super::stance::{alternatives, stances};
+
+/// Objects with fewer grasps than this are tried at more than one pose per spot.
+const MANY_GRASPS: usize = 8;
+/// Neighbouring samples are at most this many lattice pitches apart (diagonals included).
+const NEIGHBOUR: f64 = 1.6;
+
+/// Which arms can pick from and place at a slot, ascending.
+#[derive(Debug, Clone, Default)]
+pub(super) struct SlotReach {
+    pub(super) pick: Vec<ArmId>,
+    pub(super) place: Vec<ArmId>,
+}
+
+impl SlotReach {
+    /// The arms that can do both.
+    pub(super) fn both(&self) -> Vec<ArmId> {
+        self.pick.iter().filter(|arm| self.place.contains(arm)).copied().collect()
+    }
+}
+
+/// A group of placements on one surface that the same arms reach.
+#[derive(Debug)]
+pub(super) struct Group {
+    pub(super) arms: Vec<ArmId>,
+    pub(super) spots: Vec<Spot>,
+    /// Slots of the class within it, by number.
+    pub(super) slots: Vec<usize>,
+}
+
+/// Asks one [`Reach`] about one problem.
+pub(super) struct Surveyor<'a> {
+    pub(super) problem: &'a Problem,
+    pub(super) proof: &'a Proof<'a>,
+    pub(super) reach: &'a mut dyn Reach,
+    pub(super) control: &'a Control,
+    /// Whether nothing was cut short.
+    pub(super) complete: bool,
+}
+
+impl Surveyor<'_> {
+    fn arms(&self) -> impl Iterator<Item = ArmId> + use<> {
+        (0..self.problem.workcell.arms.len()).map(ArmId)
+    }
+
+    /// An object of `class`, and whether there is one.
+    fn member(&self, class: usize) -> Option<ObjectId> {
+        self.problem.objects.iter().position(|object| object.class == class).map(ObjectId)
+    }
+
+    /// Who reaches slot `number`. Holds of its owners' picks and places are added to `holds`.
+    pub(super) fn slot(&mut self, slot: &Slot, holds: &mut RestHolds) -> SlotReach {
+        let mut out = SlotReach::default();
+        let Some(member) = slot.start_of.or(slot.goal_of) else { return out };
+        for arm in self.arms() {
+            if self.control.should_stop() {
+                self.complete = false;
+                break;
+            }
+            let poses = match slot.goal_of {
+                Some(object) => symmetric_poses(&self.problem.objects[object.0], &slot.pose),
+                None => vec![slot.pose],
+            };
+            if !self.proof.may_hold(arm, slot.class, &poses) {
+                continue;
+            }
+            let picks = match slot.start_of {
+                Some(object) => {
+                    let found = self.reach.holds(RestAction::Pick, arm, object, &slot.pose, slot.surface);
+                    merge(&mut holds.picked[arm.0], &found);
+                    !found.is_empty()
+                }
+                None => self.reach.reaches(RestAction::Pick, arm, member, &slot.pose, slot.surface),
+            };
+            let places = match slot.goal_of {
+                Some(object) => {
+                    let found = self.goal_holds(arm, object, &poses, slot.surface);
+                    merge(&mut holds.placeable[arm.0], &found);
+                    !found.is_empty()
+                }
+                None => self.reach.reaches(RestAction::Place, arm, member, &slot.pose, slot.surface),
+            };
+            if picks {
+                out.pick.push(arm);
+            }
+            if places {
+                out.place.push(arm);
+            }
+        }
+        out
+    }
+
+    /// The holds in which `arm` can place `object` at any of its goal `poses`, of which the first
+    /// is the one given. A grasp at a symmetric pose is another grasp at the first one; only where
+    /// that is none of the object's grasps the pose itself is asked about.
+    fn goal_holds(&mut self, arm: ArmId, object: ObjectId, poses: &[Pose], surface: SurfaceId) -> Vec<Hold> {
+        let Some(first) = poses.first() else { return Vec::new() };
+        let at_first = self.reach.holds(RestAction::Place, arm, object, first, surface);
+        let mut found = at_first.clone();
+        let model = &self.problem.objects[object.0];
+        let opening = self.problem.workcell.arms[arm.0].tool.max_opening;
+        for pose in &poses[1..] {
+            let turn = first.inverse() * pose;
+            let mut unknown = false;
+            for (number, grasp) in model.grasps.iter().enumerate().filter(|(_, grasp)| grasp.fits(opening)) {
+                let same = grasp.object_in_tcp * turn.inverse();
+                match model.grasps.iter().position(|other| is_close(&other.object_in_tcp, &same)) {
+                    Some(other) if at_first.iter().any(|hold| hold.grasp == Some(other)) => {
+                        let hold = Hold { grasp: Some(number), object_in_tcp: grasp.object_in_tcp };
+                        merge(&mut found, &[hold]);
+                    }
+                    Some(_) => {}
+                    None => unknown = true,
+                }
+            }
+            if unknown {
+                let more = self.reach.holds(RestAction::Place, arm, object, pose, surface);
+                merge(&mut found, &more);
+            }
+        }
+        found
+    }
+
+    /// The groups of placements for `class` on `surface`: packed spots around all slots, and the
+    /// class's slots with the reach given. About `wanted` spots are looked for.
+    pub(super) fn surface(
+        &mut self,
+        surface: SurfaceId,
+        class: usize,
+        slots: &Slots,
+        slot_reach: &[SlotReach],
+        wanted: usize,
+    ) -> Vec<Group> {
+        let Some(member) = self.member(class) else { return Vec::new() };
+        let place = &self.problem.workcell.surfaces[surface.0];
+        let shapes = &self.problem.objects[member.0].shapes;
+        let stances = stances(self.problem, class);
+        let alternatives = alternatives(shapes, &stances);
+        let reachable: Vec<ArmId> =
+            self.arms().filter(|&arm| self.proof.may_reach_surface(arm, class, surface)).collect();
+        let mut samples = Vec::new();
+        let mut spots: Vec<Option<Spot>> = Vec::new();
+        let mut numbers = Vec::new();
+        let mut pitch = 0.0;
+        if let (Some(stance), false) = (stances.first(), reachable.is_empty()) {
+            let outline = Footprint::of(shapes, &stance.pose);
+            let taken: Vec<Footprint> = slots
+                .slots
+                .iter()
+                .filter(|slot| slot.surface == surface)
+                .filter_map(|slot| {
+                    let owner = slot.start_of.or(slot.goal_of)?;
+                    let in_surface = place.pose.inverse() * slot.pose;
+                    Some(Footprint::of(&self.problem.objects[owner.0].shapes, &in_surface))
+                })
+                .collect();
+            let gap = finger_clearance(self.problem, class);
+            let bed = Bed { half_extents: place.half_extents, taken: &taken, gap };
+            let packing = pack(&outline, &bed, wanted);
+            pitch = packing.pitch;
+            for at in packing.shifts {
+                let poses: Vec<Pose> =
+                    alternatives.iter().map(|(stance, yaw)| stance.on(place, at, *yaw)).collect();
+                let arms = self.spot_arms(&reachable, member, class, &poses, surface);
+                samples.push(Sample { at, arms });
+                spots.push(Some(Spot { poses }));
+                numbers.push(None);
+            }
+        }
+        for (number, slot) in slots.slots.iter().enumerate() {
+            if slot.class == class && slot.surface == surface {
+                let at = (place.pose.inverse() * slot.pose).translation.vector;
+                samples.push(Sample { at: [at.x, at.y], arms: slot_reach[number].both() });
+                spots.push(None);
+                numbers.push(Some(number));
+            }
+        }
+        let groups = connect(&samples, NEIGHBOUR * pitch);
+        groups
+            .into_iter()
+            .map(|members| Group {
+                arms: members.first().map(|&first| samples[first].arms.clone()).unwrap_or_default(),
+                spots: members.iter().filter_map(|&index| spots[index].take()).collect(),
+                slots: members.iter().filter_map(|&index| numbers[index]).collect(),
+            })
+            .filter(|group| !group.spots.is_empty())
+            .collect()
+    }
+
+    /// The arms that can both pick and place at a spot.
+    fn spot_arms(
+        &mut self,
+        reachable: &[ArmId],
+        object: ObjectId,
+        class: usize,
+        poses: &[Pose],
+        surface: SurfaceId,
+    ) -> Vec<ArmId> {
+        let tries = if self.problem.objects[object.0].grasps.len() < MANY_GRASPS { 4 } else { 1 };
+        let mut arms = Vec::new();
+        for &arm in reachable {
+            if self.control.should_stop() {
+                self.complete = false;
+                break;
+            }
+            let good = poses.iter().take(tries).any(|pose| {
+                self.proof.may_hold(arm, class, std::slice::from_ref(pose))
+                    && self.reach.reaches(RestAction::Place, arm, object, pose, surface)
+                    && self.reach.reaches(RestAction::Pick, arm, object, pose, surface)
+            });
+            if good {
+                arms.push(arm);
+            }
+        }
+        arms
+    }
+
+    /// Adds the holds that `group`'s arms have at one of its spots, and those in which objects of
+    /// the class are held at the start.
+    pub(super) fn group_holds(
+        &mut self,
+        group: &Group,
+        class: usize,
+        surface: SurfaceId,
+        holds: &mut RestHolds,
+    ) {
+        let Some(object) = self.member(class) else { return };
+        let Some(pose) = group.spots.get(group.spots.len() / 2).and_then(|spot| spot.poses.first()) else {
+            return;
+        };
+        for &arm in &group.arms {
+            if self.control.should_stop() {
+                self.complete = false;
+                return;
+            }
+            let picks = self.reach.holds(RestAction::Pick, arm, object, pose, surface);
+            merge(&mut holds.picked[arm.0], &picks);
+            let places = self.reach.holds(RestAction::Place, arm, object, pose, surface);
+            merge(&mut holds.placeable[arm.0], &places);
+        }
+    }
+
+    /// The holds that objects of `class` are in at the start.
+    pub(super) fn initial_holds(&self, class: usize) -> RestHolds {
+        let count = self.problem.workcell.arms.len();
+        let mut holds = RestHolds { picked: vec![Vec::new(); count], placeable: vec![Vec::new(); count] };
+        for (object, initial) in self.problem.objects.iter().zip(&self.problem.initial) {
+            if let InitialPlacement::Held { arm, object_in_tcp } = initial
+                && object.class == class
+            {
+                let grasp =
+                    object.grasps.iter().position(|grasp| is_close(&grasp.object_in_tcp, object_in_tcp));
+                merge(&mut holds.picked[arm.0], &[Hold { grasp, object_in_tcp: *object_in_tcp }]);
+            }
+        }
+        holds
+    }
+}
+
+/// Adds to `known` the holds of `found` that are not there yet.
+fn merge(known: &mut Vec<Hold>, found: &[Hold]) {
+    for hold in found {
+        if !known.iter().any(|other| is_close(&other.object_in_tcp, &hold.object_in_tcp)) {
+            known.push(*hold);
+        }
+    }
+}
+
+/// Whether two holds are one, but for rounding.
+fn is_close(a: &Pose, b: &Pose) -> bool {
+    (a.translation.vector - b.translation.vector).norm() < 1e-6 && a.rotation.angle_to(&b.rotation) < 1e-5
+}
