@@ -52,16 +52,23 @@ impl Reach {
     }
 }
 
-/// The static load bound; `at_least` is a bound that is known already.
-pub(super) fn static_load(network: &Network, start: &[u16], reach: &Reach, at_least: usize) -> usize {
+/// The static load bound, and the weights of the arms that gave it; `at_least` is a bound that is
+/// known already.
+pub(super) fn static_load(
+    network: &Network,
+    start: &[u16],
+    reach: &Reach,
+    at_least: usize,
+) -> (usize, Vec<f64>) {
     let arms = network.arms.len();
     let objects = network.object_count();
     if arms == 0 || objects == 0 {
-        return at_least;
+        return (at_least, vec![0.0; arms]);
     }
     let offsets = head_and_tail(network, reach, at_least);
     let mut games = Game::new(network, start);
     let mut weights = vec![1.0 / arms as f64; arms];
+    let mut best_weights = weights.clone();
     let mut totals = vec![0.0; arms];
     let mut loads = vec![0.0; arms];
     let mut best = at_least as f64;
@@ -69,7 +76,10 @@ pub(super) fn static_load(network: &Network, start: &[u16], reach: &Reach, at_le
         loads.fill(0.0);
         let least = games.respond(&weights, &mut loads);
         let value = least + weights.iter().zip(&offsets).map(|(weight, offset)| weight * offset).sum::<f64>();
-        best = best.max(value);
+        if value > best {
+            best = value;
+            best_weights.clone_from(&weights);
+        }
         let mut worst: f64 = 0.0;
         for arm in 0..arms {
             totals[arm] += loads[arm];
@@ -92,7 +102,7 @@ pub(super) fn static_load(network: &Network, start: &[u16], reach: &Reach, at_le
             *weight /= sum;
         }
     }
-    round_up(best)
+    (round_up(best), best_weights)
 }
 
 /// The least whole number not under `value`, forgiving rounding errors on the safe side.

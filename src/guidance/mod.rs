@@ -13,12 +13,15 @@ mod baselines;
 mod bounds;
 mod check;
 mod cuts;
+
+mod exhaustive;
 mod from_mode_graph;
 pub mod generate;
 mod guide;
 mod instance;
 mod memo;
 mod network;
+mod relaxation;
 mod repair;
 mod route;
 mod solution;

@@ -1,9 +1,9 @@
 //! An instance compiled for the solvers: adjacency per class, limited resources, distances to
 //! goals. Built once per instance, used from any state of it.
 
-use super::instance::{Goal, Instance, InstanceError, NodeId};
+use super::instance::{Goal, Instance, InstanceError, NodeId, NodeKind};
 use super::solution::Move;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::ops::Range;
 
 /// Distance of a node from which there is no path.
@@ -69,6 +69,11 @@ pub(super) struct Kind {
     pub(super) goals: Vec<u16>,
     /// Fewest edges from each node to the goal for an object that is alone.
     pub(super) to_goal: Vec<u16>,
+    /// The class's edges without those into slots that are no goal, but for one stand-in among all
+    /// slots with the same neighbours.
+    pub(super) lean: ClassGraph,
+    /// The stand-ins.
+    pub(super) stands_in: Vec<bool>,
 }
 
 /// A compiled [`Instance`]. See the module's documentation.
@@ -125,7 +130,8 @@ impl Network {
                 let goals: Vec<u16> =
                     (0..count).filter(|&node| is_goal[node]).map(|node| node as u16).collect();
                 let to_goal = distances(&goals, count, |node| graphs[graph].predecessors(node));
-                kinds.push(Kind { graph, is_goal, goals, to_goal });
+                let (lean, stands_in) = lean_graph(&instance, &graphs[graph], &is_goal);
+                kinds.push(Kind { graph, is_goal, goals, to_goal, lean, stands_in });
                 kinds.len() - 1
             });
             kind_of.push(kind);
@@ -232,6 +238,28 @@ fn class_edges(instance: &Instance, class: usize, closed: &[bool], unit: f64) ->
         graph.predecessors.push(back);
     }
     graph
+}
+
+/// The edges of a kind that lead to arms, regions, goals, and one slot of each neighbourhood.
+fn lean_graph(instance: &Instance, graph: &ClassGraph, is_goal: &[bool]) -> (ClassGraph, Vec<bool>) {
+    let count = is_goal.len();
+    let mut keep = vec![true; count];
+    let mut stands_in = vec![false; count];
+    let mut seen = BTreeSet::new();
+    for node in 0..count {
+        if instance.nodes[node].kind == NodeKind::Slot && !is_goal[node] {
+            keep[node] = seen.insert((graph.predecessors(node), graph.successors(node)));
+            stands_in[node] = keep[node];
+        }
+    }
+    let mut lean = ClassGraph::default();
+    for node in 0..count {
+        let edges = graph.successors(node).iter().zip(graph.weights(node));
+        let kept = edges.filter(|&(&next, _)| keep[next as usize]);
+        lean.weights.extend(kept.clone().map(|(_, &weight)| weight));
+        lean.successors.push(kept.map(|(&next, _)| next));
+    }
+    (lean, stands_in)
 }
 
 /// Breadth-first distances from `sources` along `next`.

@@ -69,6 +69,23 @@ impl<'a> Repair<'a> {
         order.into_iter().all(|object| self.plan(object, u64::from(shuffled)))
     }
 
+    /// Whether routes may rest on any slot, or only on one of each neighbourhood.
+    pub(super) fn all_slots(&mut self, all: bool) {
+        self.search.all_slots = all;
+    }
+
+    /// Takes over the routes of a plan found elsewhere, given as its states.
+    pub(super) fn adopt(&mut self, states: &[Vec<u16>], cuts: &Cuts) {
+        let horizon = states.len() - 1;
+        self.timetable.reset(self.network, horizon);
+        self.tolls = Tolls::new(self.network, cuts, horizon);
+        let count = self.network.object_count();
+        self.routes = (0..count).map(|object| states.iter().map(|state| state[object]).collect()).collect();
+        for object in 0..count {
+            self.enter(object);
+        }
+    }
+
     /// Repairs until no conflict is left (true), or for `rounds` neighbourhoods, or until `control`
     /// says stop.
     pub(super) fn run(&mut self, rounds: usize, control: &Control) -> bool {

@@ -20,8 +20,8 @@ pub(super) struct RouteSearch {
     cost: [Vec<u64>; 2],
     active: [Vec<u16>; 2],
     parent: Vec<u16>,
-    /// Work done so far: edges looked at.
-    pub(super) relaxed: u64,
+    /// Whether routes may rest on any slot, or only on one of each neighbourhood.
+    pub(super) all_slots: bool,
 }
 
 impl RouteSearch {
@@ -41,7 +41,7 @@ impl RouteSearch {
         let horizon = timetable.horizon;
         let count = network.node_count();
         let kind = network.kind(object);
-        let graph = network.graph(object);
+        let graph = if self.all_slots { network.graph(object) } else { &kind.lean };
         for layer in 0..2 {
             self.cost[layer].clear();
             self.cost[layer].resize(count, u64::MAX);
@@ -82,7 +82,6 @@ impl RouteSearch {
                     }
                 }
                 let successors = graph.successors(node);
-                self.relaxed += 1 + successors.len() as u64;
                 for (&next, &weight) in successors.iter().zip(graph.weights(node)) {
                     let next = next as usize;
                     if kind.to_goal[next] > remaining {

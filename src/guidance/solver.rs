@@ -6,7 +6,9 @@
 use super::bounds::{Reach, static_load};
 use super::cuts::Cuts;
 use super::instance::{InstanceError, NodeId};
+use super::exhaustive::{Exhaustive, Verdict};
 use super::network::Network;
+use super::relaxation::Relaxation;
 use super::repair::Repair;
 use super::solution::{Answer, Certificate, Infeasible, Proof, Solution};
 use crate::run::{Control, Seed};
@@ -15,10 +17,16 @@ use crate::run::{Control, Seed};
 /// same answer; a [`Control`] only ends it early.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Effort {
-    /// Neighbourhoods of repair at each horizon before the next longer one is tried.
+    /// Neighbourhoods of repair at each horizon before a longer one is tried.
     pub first_rounds: usize,
-    /// Neighbourhoods of repair spent, restarts included, on one step less than the best plan.
-    pub improve_rounds: usize,
+    /// Rounds of the relaxation at each horizon before a longer one is tried.
+    pub first_refutations: usize,
+    /// Neighbourhoods of repair, restarts included, spent on one step less than the best plan.
+    pub repair_rounds: usize,
+    /// Rounds of the relaxation spent on the shortest horizon that is still open.
+    pub refutations: usize,
+    /// States that the exhaustive search may expand in all.
+    pub states: usize,
     /// Neighbourhoods spent on less weight at the final number of steps.
     pub polish_rounds: usize,
 }
@@ -26,18 +34,32 @@ pub struct Effort {
 impl Effort {
     /// What a planner can afford many times a second.
     pub fn quick() -> Self {
-        Self { first_rounds: 40, improve_rounds: 200, polish_rounds: 16 }
+        Self {
+            first_rounds: 60,
+            first_refutations: 60,
+            repair_rounds: 200,
+            refutations: 100,
+            states: 2_000,
+            polish_rounds: 16,
+        }
     }
 
-    /// For one proved answer.
+    /// For an answer that is to be proved.
     pub fn thorough() -> Self {
-        Self { first_rounds: 100, improve_rounds: 5_000, polish_rounds: 200 }
+        Self {
+            first_rounds: 60,
+            first_refutations: 60,
+            repair_rounds: 4_000,
+            refutations: 1_500,
+            states: 100_000,
+            polish_rounds: 100,
+        }
     }
 }
 
 impl Default for Effort {
     fn default() -> Self {
-        Self::thorough()
+        Self::quick()
     }
 }
 
@@ -56,89 +78,238 @@ pub fn solve(
     control: &Control,
 ) -> Result<Answer, InstanceError> {
     network.instance().validate_state(state)?;
+    if network.instance().is_solved(state) {
+        let nothing = Solution { start: state.to_vec(), ..Solution::default() };
+        return Ok(answer(Some(nothing), 0, Proof::Bounds, cuts));
+    }
     let start: Vec<u16> = state.iter().map(|node| node.0 as u16).collect();
-    Ok(Run { network, start: &start, cuts, effort, seed, control }.solve())
+    let reach = Reach::new(network, &start);
+    let longest = match reach.longest {
+        Ok(longest) => usize::from(longest),
+        Err(_) if !cuts.is_empty() => return Ok(Answer::Unknown { lower_bound: 0 }),
+        Err(object) => return Ok(Answer::Infeasible(Infeasible::NoPath(object))),
+    };
+    let (lower, weights) = static_load(network, &start, &reach, longest.max(1));
+    let mut relaxation = Relaxation::default();
+    relaxation.begin(network, &start, lower);
+    relaxation.price_arms(network, &weights);
+    let run = Run {
+        network,
+        start: &start,
+        cuts,
+        effort,
+        control,
+        lower,
+        repair: Repair::new(network, &start, seed.stream("guidance/repair")),
+        relaxation,
+        exhaustive: Exhaustive::new(network),
+        states: effort.states,
+        best: None,
+    };
+    Ok(run.solve())
 }
+
+/// Neighbourhoods of repair before the relaxation has its first word on a horizon.
+const OPENING: usize = 6;
+/// States that the exhaustive search expands at each horizon before a longer one is tried.
+const FIRST_STATES: usize = 150;
 
 struct Run<'a> {
     network: &'a Network,
     start: &'a [u16],
     cuts: &'a Cuts,
     effort: &'a Effort,
-    seed: Seed,
     control: &'a Control,
+    /// No plan has fewer steps (cuts aside); the horizon at which `relaxation` works.
+    lower: usize,
+    repair: Repair<'a>,
+    relaxation: Relaxation,
+    exhaustive: Option<Exhaustive<'a>>,
+    /// What is left for the exhaustive search.
+    states: usize,
+    best: Option<Solution>,
 }
 
 impl Run<'_> {
-    fn solve(&self) -> Answer {
-        let state: Vec<NodeId> = self.start.iter().map(|&node| NodeId(node as usize)).collect();
-        if self.network.instance().is_solved(&state) {
-            let nothing = Solution { start: state, ..Solution::default() };
-            return self.answer(Some(nothing), 0, Proof::Bounds);
+    fn solve(mut self) -> Answer {
+        if !self.cuts.is_empty() {
+            self.under_cuts();
+            return answer(self.best, 0, Proof::None, self.cuts);
         }
-        let reach = Reach::new(self.network, self.start);
-        let longest = match reach.longest {
-            Ok(longest) => longest as usize,
-            Err(_) if !self.cuts.is_empty() => return Answer::Unknown { lower_bound: 0 },
-            Err(object) => return Answer::Infeasible(Infeasible::NoPath(object)),
-        };
-        let lower = static_load(self.network, self.start, &reach, longest.max(1));
-        let mut repair = Repair::new(self.network, self.start, self.seed.stream("guidance/repair"));
-        let mut best = self.first(&mut repair, lower);
-        if let Some(solution) = &mut best {
-            self.shorten(&mut repair, lower, solution);
+        self.first();
+        if self.best.is_none()
+            && let Some(exhaustive) = &mut self.exhaustive
+            && let Verdict::Refuted(states) = exhaustive.all(self.start, self.effort.states)
+        {
+            return Answer::Infeasible(Infeasible::Exhausted(states));
         }
-        self.answer(best, lower, Proof::Bounds)
+        self.close();
+        answer(self.best, self.lower, Proof::Bounds, self.cuts)
     }
 
-    /// The first plan found, at the shortest horizon where one is found quickly.
-    fn first(&self, repair: &mut Repair<'_>, lower: usize) -> Option<Solution> {
-        let mut horizon = lower;
-        let longest = 4 * (lower + 2 * self.network.object_count() + 4);
+    fn steps(&self) -> usize {
+        self.best.as_ref().map_or(usize::MAX, |best| best.steps.len())
+    }
+
+    /// Whether there is nothing left to do, or no leave to do it.
+    fn is_over(&self) -> bool {
+        self.steps() <= self.lower || self.control.should_stop()
+    }
+
+    fn raise_lower(&mut self) {
+        self.lower += 1;
+        self.relaxation.lengthen();
+    }
+
+    fn keep(&mut self) {
+        self.repair.polish(self.effort.polish_rounds, self.control);
+        let found = self.repair.solution();
+        if found.steps.len() < self.steps() {
+            self.best = Some(found);
+        }
+    }
+
+    /// The first plan, at the shortest horizon that is not quickly seen to be too short; horizons
+    /// are refuted on the way as far as that is quick.
+    fn first(&mut self) {
+        let longest = 4 * (self.lower + 2 * self.network.object_count() + 4);
+        let mut horizon = self.lower;
+        let mut open = false;
         while horizon <= longest {
-            for shuffled in [false, true] {
-                if repair.begin(horizon, self.cuts, shuffled)
-                    && repair.run(self.effort.first_rounds, self.control)
-                {
-                    repair.polish(self.effort.polish_rounds, self.control);
-                    return Some(repair.solution());
+            self.repair.all_slots(false);
+            if self.repair.begin(horizon, self.cuts, false) && self.repair.run(OPENING, self.control) {
+                return self.keep();
+            }
+            if !open && self.relaxation.refute(self.network, self.start, self.effort.first_refutations / 4) {
+                self.raise_lower();
+                horizon += 1;
+                continue;
+            }
+            if !open && self.search(horizon, FIRST_STATES) {
+                if self.best.is_some() {
+                    return;
                 }
+                horizon += 1;
+                continue;
+            }
+            if self.repair.run(self.effort.first_rounds, self.control) {
+                return self.keep();
+            }
+            if !open && self.relaxation.refute(self.network, self.start, self.effort.first_refutations) {
+                self.raise_lower();
+                horizon += 1;
+                continue;
+            }
+            self.repair.all_slots(true);
+            if self.repair.begin(horizon, self.cuts, true)
+                && self.repair.run(self.effort.first_rounds, self.control)
+            {
+                return self.keep();
             }
             if self.control.should_stop() {
-                return None;
+                return;
             }
-            horizon += 1 + (horizon - lower) / 4;
-        }
-        None
-    }
-
-    /// Plans with fewer steps, down to `lower`, until the effort is spent.
-    fn shorten(&self, repair: &mut Repair<'_>, lower: usize, best: &mut Solution) {
-        let mut spent = 0;
-        while best.steps.len() > lower && spent < self.effort.improve_rounds && !self.control.should_stop() {
-            let rounds = self.effort.first_rounds * 4;
-            spent += rounds;
-            if repair.begin(best.steps.len() - 1, self.cuts, true) && repair.run(rounds, self.control) {
-                repair.polish(self.effort.polish_rounds, self.control);
-                *best = repair.solution();
-                spent = 0;
-            }
+            open = true;
+            horizon += 1 + (horizon - self.lower) / 4;
         }
     }
 
-    fn answer(&self, best: Option<Solution>, lower_bound: usize, proof: Proof) -> Answer {
-        let lower_bound = if self.cuts.is_empty() { lower_bound } else { 0 };
-        let Some(solution) = best else {
-            return Answer::Unknown { lower_bound };
+    /// Exhaustive search at `horizon`: true if it found a plan or raised the lower bound beyond.
+    fn search(&mut self, horizon: usize, states: usize) -> bool {
+        let states = states.min(self.states);
+        let Some(exhaustive) = self.exhaustive.as_mut().filter(|_| states > 0) else {
+            return false;
         };
-        let steps = solution.steps.len();
-        let proved = self.cuts.is_empty() && steps == lower_bound;
-        let certificate = Certificate {
-            steps,
-            lower_bound,
-            optimum: proved.then_some(steps),
-            proof: if proved { proof } else { Proof::None },
-        };
-        Answer::Solved(solution, certificate)
+        self.states -= states;
+        match exhaustive.within(self.start, horizon, states) {
+            Verdict::Found(states) => {
+                self.repair.adopt(&states, self.cuts);
+                self.keep();
+                true
+            }
+            Verdict::Refuted(spent) => {
+                self.states += states - spent;
+                while self.lower <= horizon {
+                    self.raise_lower();
+                }
+                true
+            }
+            Verdict::Limit => false,
+        }
     }
+
+    /// Closes the gap from both sides, with shares of effort that double.
+    fn close(&mut self) {
+        let (mut repairs, mut refutations) = (self.effort.repair_rounds, self.effort.refutations);
+        let mut share = 1;
+        while self.best.is_some() && !self.is_over() {
+            let horizon = self.steps() - 1;
+            let rounds = (16 * share).min(repairs);
+            repairs -= rounds;
+            self.repair.all_slots(share % 2 == 0);
+            if rounds > 0
+                && self.repair.begin(horizon, self.cuts, true)
+                && self.repair.run(rounds, self.control)
+            {
+                self.keep();
+                (repairs, share) = (self.effort.repair_rounds, 1);
+                continue;
+            }
+            let rounds = (8 * share).min(refutations);
+            refutations -= rounds;
+            if self.relaxation.refute(self.network, self.start, rounds) {
+                self.raise_lower();
+                refutations = self.effort.refutations;
+                continue;
+            }
+            if self.search(horizon, 50 * share) {
+                continue;
+            }
+            let states_left = self.exhaustive.is_some() && self.states > 0;
+            if repairs == 0 && refutations == 0 && !states_left {
+                return;
+            }
+            share *= 2;
+        }
+    }
+
+    /// The plan with the least sum of steps and penalties that is found at a few horizons.
+    fn under_cuts(&mut self) {
+        let longest = 4 * (self.lower + 2 * self.network.object_count() + 4);
+        let mut horizon = self.lower;
+        let mut least = u64::MAX;
+        while horizon <= longest && (horizon as u64) < least && !self.control.should_stop() {
+            for shuffled in [false, true] {
+                self.repair.all_slots(shuffled);
+                if self.repair.begin(horizon, self.cuts, shuffled)
+                    && self.repair.run(self.effort.first_rounds, self.control)
+                {
+                    self.repair.polish(self.effort.polish_rounds, self.control);
+                    let found = self.repair.solution();
+                    let cost = found.steps.len() as u64 + self.cuts.penalty(&found.steps);
+                    if cost < least {
+                        least = cost;
+                        self.best = Some(found);
+                    }
+                }
+            }
+            horizon += 1 + (horizon - self.lower) / 4;
+        }
+    }
+}
+
+fn answer(best: Option<Solution>, lower_bound: usize, proof: Proof, cuts: &Cuts) -> Answer {
+    let lower_bound = if cuts.is_empty() { lower_bound } else { 0 };
+    let Some(solution) = best else {
+        return Answer::Unknown { lower_bound };
+    };
+    let steps = solution.steps.len();
+    let proved = cuts.is_empty() && steps == lower_bound;
+    let certificate = Certificate {
+        steps,
+        lower_bound,
+        optimum: proved.then_some(steps),
+        proof: if proved { proof } else { Proof::None },
+    };
+    Answer::Solved(solution, certificate)
 }
