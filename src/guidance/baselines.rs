@@ -65,7 +65,8 @@ pub(super) fn one_by_one(network: &Network, start: &[NodeId], cuts: &Cuts, contr
             break;
         }
         if let Some(&object) = unfinished.iter().find(|&&o| network.to_goal(o, state[o] as usize) == FAR) {
-            return match cuts.is_empty() {
+            // Only at the start is this a proof: later, something was put aside where it is stuck.
+            return match cuts.is_empty() && solution.steps.is_empty() {
                 true => Answer::Infeasible(Infeasible::NoPath(object)),
                 false => Answer::Unknown { lower_bound: 0 },
             };
@@ -112,6 +113,7 @@ fn put_aside(
             for blocker in blockers(network, state, object) {
                 let aside = |node: usize| {
                     node != state[blocker] as usize
+                        && network.to_goal(blocker, node) != FAR
                         && match patience {
                             0 => !network.is_arm[node] && !wanted.iter().any(|&w| shares(network, node, w)),
                             1 => !network.is_arm[node],

@@ -21,6 +21,8 @@ mod guide;
 mod instance;
 mod memo;
 mod network;
+#[cfg(test)]
+mod oracle;
 mod relaxation;
 mod repair;
 mod route;

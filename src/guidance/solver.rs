@@ -113,6 +113,10 @@ pub fn solve(
 const OPENING: usize = 6;
 /// States that the exhaustive search expands at each horizon before a longer one is tried.
 const FIRST_STATES: usize = 150;
+/// Horizons that fail before it is suspected that there is no plan at all.
+const SUSPICIOUS: usize = 5;
+/// States looked at upon that suspicion.
+const FEW_STATES: usize = 1_000;
 
 struct Run<'a> {
     network: &'a Network,
@@ -136,12 +140,8 @@ impl Run<'_> {
             self.under_cuts();
             return answer(self.best, 0, Proof::None, self.cuts);
         }
-        self.first();
-        if self.best.is_none()
-            && let Some(exhaustive) = &mut self.exhaustive
-            && let Verdict::Refuted(states) = exhaustive.all(self.start, self.effort.states)
-        {
-            return Answer::Infeasible(Infeasible::Exhausted(states));
+        if let Some(reason) = self.first() {
+            return Answer::Infeasible(reason);
         }
         self.close();
         answer(self.best, self.lower, Proof::Bounds, self.cuts)
@@ -170,15 +170,23 @@ impl Run<'_> {
     }
 
     /// The first plan, at the shortest horizon that is not quickly seen to be too short; horizons
-    /// are refuted on the way as far as that is quick.
-    fn first(&mut self) {
+    /// are refuted on the way as far as that is quick. Where no plan turns up, all states are looked
+    /// at, if they are few: then the reason why there is none is returned.
+    fn first(&mut self) -> Option<Infeasible> {
         let longest = 4 * (self.lower + 2 * self.network.object_count() + 4);
         let mut horizon = self.lower;
-        let mut open = false;
+        let (mut open, mut tried) = (false, 0);
         while horizon <= longest {
+            tried += 1;
+            if tried == SUSPICIOUS
+                && let Some(reason) = self.exhaust(FEW_STATES)
+            {
+                return Some(reason);
+            }
             self.repair.all_slots(false);
             if self.repair.begin(horizon, self.cuts, false) && self.repair.run(OPENING, self.control) {
-                return self.keep();
+                self.keep();
+                return None;
             }
             if !open && self.relaxation.refute(self.network, self.start, self.effort.first_refutations / 4) {
                 self.raise_lower();
@@ -187,13 +195,14 @@ impl Run<'_> {
             }
             if !open && self.search(horizon, FIRST_STATES) {
                 if self.best.is_some() {
-                    return;
+                    return None;
                 }
                 horizon += 1;
                 continue;
             }
             if self.repair.run(self.effort.first_rounds, self.control) {
-                return self.keep();
+                self.keep();
+                return None;
             }
             if !open && self.relaxation.refute(self.network, self.start, self.effort.first_refutations) {
                 self.raise_lower();
@@ -204,13 +213,23 @@ impl Run<'_> {
             if self.repair.begin(horizon, self.cuts, true)
                 && self.repair.run(self.effort.first_rounds, self.control)
             {
-                return self.keep();
+                self.keep();
+                return None;
             }
             if self.control.should_stop() {
-                return;
+                return None;
             }
             open = true;
             horizon += 1 + (horizon - self.lower) / 4;
+        }
+        self.exhaust(self.effort.states)
+    }
+
+    /// Looks at all states that can be reached, if they are at most `states`.
+    fn exhaust(&mut self, states: usize) -> Option<Infeasible> {
+        match self.exhaustive.as_mut()?.all(self.start, states.min(self.effort.states)) {
+            Verdict::Refuted(states) => Some(Infeasible::Exhausted(states)),
+            _ => None,
         }
     }
 
