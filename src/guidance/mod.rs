@@ -13,7 +13,6 @@ mod baselines;
 mod bounds;
 mod check;
 mod cuts;
-
 mod exhaustive;
 mod from_mode_graph;
 pub mod generate;
