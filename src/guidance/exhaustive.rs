@@ -211,9 +211,8 @@ impl<'a> Exhaustive<'a> {
                         continue;
                     }
                     let resources = network.resources.get(to as usize);
-                    let full = |&resource: &u16| {
-                        load[resource as usize] >= network.capacities[resource as usize]
-                    };
+                    let full =
+                        |&resource: &u16| load[resource as usize] >= network.capacities[resource as usize];
                     if resources.iter().any(full) {
                         continue;
                     }

@@ -224,7 +224,8 @@ fn smart_guidance_leads_to_the_goal_in_the_steps_it_promises() {
         let mut memo = Memo::new();
         let mut state = instance.start();
         loop {
-            let Ok(Advice::Go(guide)) = smart.guide(&network, &state, &Cuts::none(), &mut memo, &control) else {
+            let Ok(Advice::Go(guide)) = smart.guide(&network, &state, &Cuts::none(), &mut memo, &control)
+            else {
                 panic!("no way from {state:?} of {instance:?}");
             };
             check(&instance, &guide.solution).unwrap();
@@ -283,7 +284,8 @@ fn under_cuts_plans_are_legal_and_nothing_is_claimed() {
     let (mut avoided, mut cut) = (0, 0);
     for case in 0..400 {
         let instance = random_instance(&mut rng);
-        let Answer::Solved(free, _) = solve_from_start(&instance, &Cuts::none(), &Effort::quick(), case) else {
+        let Answer::Solved(free, _) = solve_from_start(&instance, &Cuts::none(), &Effort::quick(), case)
+        else {
             continue;
         };
         let Some(&action) = free.steps.first().and_then(|moves| moves.first()) else { continue };

@@ -60,13 +60,15 @@ impl Relaxation {
                 None => self.groups.push((object, 1)),
             }
         }
-        self.overfull = load.iter().zip(&network.capacities).map(|(load, capacity)| load > capacity).collect();
+        self.overfull =
+            load.iter().zip(&network.capacities).map(|(load, capacity)| load > capacity).collect();
     }
 
     /// Goes on to the next longer horizon with the prices found so far, stretched in the middle.
     pub(super) fn lengthen(&mut self) {
         let middle = (self.horizon / 2).min(self.horizon.saturating_sub(1)) * self.width;
-        let row: Vec<i64> = self.price.get(middle..middle + self.width).map(<[i64]>::to_vec).unwrap_or_default();
+        let row: Vec<i64> =
+            self.price.get(middle..middle + self.width).map(<[i64]>::to_vec).unwrap_or_default();
         self.price.splice(middle..middle, row);
         self.horizon += 1;
         self.price.resize(self.horizon * self.width, 0);

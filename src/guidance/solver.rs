@@ -5,8 +5,8 @@
 
 use super::bounds::{Reach, static_load};
 use super::cuts::Cuts;
-use super::instance::{InstanceError, NodeId};
 use super::exhaustive::{Exhaustive, Verdict};
+use super::instance::{InstanceError, NodeId};
 use super::network::Network;
 use super::relaxation::Relaxation;
 use super::repair::Repair;
