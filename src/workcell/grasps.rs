@@ -219,6 +219,12 @@ pub(super) fn extent(shapes: &[PlacedShape], direction: &Vec3) -> f64 {
         .fold(f64::NEG_INFINITY, f64::max)
 }
 
+/// Width and depth (m) of the shapes' bounding box along the object's x and y.
+pub fn footprint(shapes: &[PlacedShape]) -> [f64; 2] {
+    let (low, high) = bounding_box(shapes);
+    [high.x - low.x, high.y - low.y]
+}
+
 /// Least and greatest corner of the shapes' axis-aligned bounding box in the object's frame (m).
 fn bounding_box(shapes: &[PlacedShape]) -> (Vec3, Vec3) {
     let high = Vec3::from_fn(|index, _| extent(shapes, &axis(index, 1.0)));

@@ -13,7 +13,7 @@ mod symmetry;
 
 pub use arm::{Arm, Tool};
 pub use body::{Obstacle, Surface};
-pub use grasps::{GraspError, GraspGenerator};
+pub use grasps::{GraspError, GraspGenerator, footprint};
 pub use object::{Grasp, ObjectModel, Symmetry};
 pub use resting::{RestFault, centre, rests_on, surfaces_under};
 pub use symmetry::symmetry_rotations;

@@ -4,12 +4,13 @@
 use super::bodies::{Body, arm_bodies, deepest};
 use super::context::Context;
 use super::draft::Draft;
+use super::packing::is_packed;
 use super::placement::{End, Start};
 use crate::geometry::{Pose, Vec3};
 use crate::problem::{ContactPartner, GoalPlacement, InitialPlacement};
 use crate::wire::fault::FaultCode;
 use crate::workcell::{
-    Arm, ArmId, ObjectId, ObjectModel, ObstacleId, RestFault, Surface, SurfaceId, rests_on,
+    Arm, ArmId, ObjectId, ObjectModel, ObstacleId, RestFault, Surface, SurfaceId, footprint, rests_on,
 };
 
 /// An object in its place, for collision checks.
@@ -219,6 +220,14 @@ fn check_capacities(
                 GoalPlacement::Anywhere => false,
             })
             .count();
+        if !is_packing_found(draft, surface, capacity) {
+            let message = format!(
+                "no packing of {capacity} objects on surface `{}` was found; the number is taken as given",
+                surface.id
+            );
+            let pointer = format!("/workcell/surfaces/{index}/capacity");
+            context.faults.warn(pointer, FaultCode::CapacityExceeded, message);
+        }
         for (count, field) in [(at_start, "initial"), (at_end, "goal")] {
             if count > capacity {
                 let message = format!(
@@ -229,6 +238,17 @@ fn check_capacities(
             }
         }
     }
+}
+
+/// Whether the `capacity` smallest objects, or all of them, are packed on the surface, standing as
+/// in their own frames.
+fn is_packing_found(draft: &Draft, surface: &Surface, capacity: usize) -> bool {
+    let mut footprints: Vec<[f64; 2]> =
+        draft.objects.iter().flatten().map(|object| footprint(&object.shapes)).collect();
+    footprints.sort_by(|a, b| (a[0] * a[1]).total_cmp(&(b[0] * b[1])));
+    footprints.truncate(capacity);
+    let [x, y] = surface.half_extents;
+    is_packed(&footprints, [2.0 * x, 2.0 * y])
 }
 
 // ---------------------------------------------------------------------------------------------

@@ -8,6 +8,7 @@ mod draft;
 mod limits;
 mod object;
 mod options;
+mod packing;
 mod placement;
 mod robot;
 mod shape;
@@ -195,3 +196,6 @@ fn widest_opening(arms: &[Option<Arm>]) -> f64 {
     let widest = arms.iter().flatten().map(|arm| arm.tool.max_opening).fold(0.0_f64, f64::max);
     if widest > 0.0 { widest } else { DEFAULT_OPENING }
 }
+
+#[cfg(test)]
+mod tests;
