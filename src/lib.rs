@@ -15,6 +15,7 @@
 #![deny(unsafe_code)]
 
 pub mod cli;
+pub mod collision;
 pub mod geometry;
 pub mod guidance;
 pub mod jobs;

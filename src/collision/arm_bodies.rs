@@ -1,0 +1,139 @@
+//! An arm's atoms, compiled: where they hang, how far each joint can move them, and which of them
+//! are checked against each other.
+
+use smallvec::SmallVec;
+
+use crate::geometry::{Pose, Vec3};
+use crate::workcell::Arm;
+
+use super::atom::{Atom, PlacedAtom};
+
+/// Lever arms of a body by joint: the most (m per rad, or 1 for a slide) that a point of it moves
+/// per unit of the joint; `None` where the joint does not move it.
+pub(super) type Levers = SmallVec<[Option<f64>; 8]>;
+
+/// An atom on a link.
+#[derive(Debug, Clone)]
+pub(super) struct ArmAtom {
+    pub(super) atom: Atom,
+    /// The link in whose frame the atom is given.
+    pub(super) link: usize,
+    pub(super) group: usize,
+    pub(super) is_hand: bool,
+    pub(super) is_tool: bool,
+    pub(super) levers: Levers,
+}
+
+/// The compiled bodies of one arm.
+#[derive(Debug, Clone)]
+pub struct ArmBodies {
+    pub(super) atoms: Vec<ArmAtom>,
+    /// Pairs of atoms that are checked against each other.
+    pub(super) self_pairs: Vec<(usize, usize)>,
+    /// Lever arms of a point at the mount link's origin.
+    mount_levers: Levers,
+    /// Origin of the first joint in the world and the radius (m) of the ball around it that the
+    /// moving atoms never leave.
+    pub(super) reach_centre: Vec3,
+    pub(super) reach_radius: f64,
+    /// The radius by which a ball around the mount's origin grows the reach.
+    mount_reach: f64,
+}
+
+impl ArmBodies {
+    /// Compiles `arm`.
+    pub(super) fn new(arm: &Arm) -> Self {
+        let model = &arm.model;
+        let mut atoms = Vec::new();
+        for (index, link) in model.links.iter().enumerate() {
+            let is_mount = index == model.mount;
+            let tool = if is_mount { arm.tool.shapes.as_slice() } else { &[] };
+            let shapes = link.shapes.iter().map(|s| (s, false)).chain(tool.iter().map(|s| (s, true)));
+            for (placed, is_tool) in shapes {
+                let atom = Atom::new(placed);
+                let levers = levers(arm, index, atom.reach());
+                let is_hand = arm.hand_groups.contains(&link.group);
+                atoms.push(ArmAtom { atom, link: index, group: link.group, is_hand, is_tool, levers });
+            }
+        }
+        let mut self_pairs = Vec::new();
+        for i in 0..atoms.len() {
+            for j in i + 1..atoms.len() {
+                if arm.checks_groups(atoms[i].group, atoms[j].group) {
+                    self_pairs.push((i, j));
+                }
+            }
+        }
+        let (first, mount_reach) = match model.joints.first() {
+            Some(joint) => (joint.link, model.origin_distance(0, model.mount).unwrap_or(0.0)),
+            None => (0, 0.0),
+        };
+        let home = vec![0.0; model.dof()];
+        let mut poses = Vec::new();
+        model.link_poses(&home, &mut poses);
+        let reach_centre = (arm.base * poses[first]).translation.vector;
+        let slide = model.joints.first().map_or(0.0, |joint| slide_extent(arm, 0, joint.link));
+        let reach_radius = atoms
+            .iter()
+            .map(|atom| match model.joints.first().and_then(|_| model.origin_distance(0, atom.link)) {
+                Some(distance) => distance + slide + atom.atom.reach(),
+                None => {
+                    let body = arm.base * poses[atom.link];
+                    (body.translation.vector - reach_centre).norm() + atom.atom.reach()
+                }
+            })
+            .fold(0.0, f64::max);
+        Self {
+            atoms,
+            self_pairs,
+            mount_levers: levers(arm, model.mount, 0.0),
+            reach_centre,
+            reach_radius,
+            mount_reach: mount_reach + slide,
+        }
+    }
+
+    /// Places all atoms with the links at `links` (world frame).
+    pub(super) fn place(&self, links: &[Pose], out: &mut Vec<PlacedAtom>) {
+        out.resize_with(self.atoms.len(), PlacedAtom::nowhere);
+        for (atom, placed) in self.atoms.iter().zip(out.iter_mut()) {
+            atom.atom.place(&links[atom.link], placed);
+        }
+    }
+
+    /// Lever arms of a body on the mount link within `radius` of its origin.
+    pub(super) fn held_levers(&self, radius: f64) -> Levers {
+        self.mount_levers.iter().map(|lever| lever.map(|l| l + radius)).collect()
+    }
+
+    /// The reach radius with a held body within `radius` of the mount's origin.
+    pub(super) fn reach_with(&self, radius: f64) -> f64 {
+        self.reach_radius.max(self.mount_reach + radius)
+    }
+}
+
+/// How far a first prismatic joint can carry everything from its zero position.
+fn slide_extent(arm: &Arm, joint: usize, link: usize) -> f64 {
+    match arm.model.links[link].motion {
+        crate::kinematics::LinkMotion::Prismatic { .. } => {
+            let limits = arm.limits[joint];
+            limits.lower.abs().max(limits.upper.abs())
+        }
+        _ => 0.0,
+    }
+}
+
+/// Lever arms of a body within `radius` of `link`'s origin.
+fn levers(arm: &Arm, link: usize, radius: f64) -> Levers {
+    let model = &arm.model;
+    (0..model.dof())
+        .map(|joint| {
+            let distance = model.origin_distance(joint, link)?;
+            let slides = matches!(
+                model.links[model.joints[joint].link].motion,
+                crate::kinematics::LinkMotion::Prismatic { .. }
+            );
+            Some(if slides { 1.0 } else { distance + radius })
+        })
+        .collect()
+}

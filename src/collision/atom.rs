@@ -1,0 +1,263 @@
+//! Atoms: convex pieces with a cheap enclosing core.
+
+use crate::geometry::{ExactShape, PlacedShape, Pose, Shape, Vec3};
+
+use super::segment_distance::{segment_box, segment_segment_squared};
+
+/// What encloses an atom, in the frame of its body.
+#[derive(Debug, Clone)]
+enum Core {
+    /// All points within `radius` of the segment `a b`.
+    Capsule { a: Vec3, b: Vec3, radius: f64 },
+    /// A box at `pose` in the body's frame.
+    Box { pose: Pose, half: Vec3 },
+}
+
+/// One convex piece of a body.
+#[derive(Debug, Clone)]
+pub struct Atom {
+    core: Core,
+    /// Whether the core is the shape itself.
+    core_is_exact: bool,
+    exact: ExactShape,
+    /// Centre of a ball that holds core and shape, in the body's frame (m).
+    pub(super) centre: Vec3,
+    /// Its radius (m).
+    pub(super) radius: f64,
+}
+
+/// An atom placed in the world.
+#[derive(Debug, Clone)]
+pub(super) struct PlacedAtom {
+    body: Pose,
+    pub(super) centre: Vec3,
+    a: Vec3,
+    b: Vec3,
+    frame: Pose,
+}
+
+impl PlacedAtom {
+    /// A place to be overwritten.
+    pub(super) fn nowhere() -> Self {
+        let zero = Vec3::zeros();
+        Self { body: Pose::identity(), centre: zero, a: zero, b: zero, frame: Pose::identity() }
+    }
+}
+
+impl Atom {
+    /// Encloses `placed`, a shape in the frame of its body.
+    pub fn new(placed: &PlacedShape) -> Self {
+        let exact = ExactShape::new(placed);
+        let along_z = |half_length: f64| {
+            let axis = placed.pose.rotation * Vec3::new(0.0, 0.0, half_length);
+            (placed.pose.translation.vector - axis, placed.pose.translation.vector + axis)
+        };
+        let (core, core_is_exact) = match &placed.shape {
+            Shape::Sphere { radius } => {
+                let centre = placed.pose.translation.vector;
+                (Core::Capsule { a: centre, b: centre, radius: *radius }, true)
+            }
+            Shape::Capsule { radius, half_length } => {
+                let (a, b) = along_z(*half_length);
+                (Core::Capsule { a, b, radius: *radius }, true)
+            }
+            Shape::Cylinder { radius, half_length } => {
+                let (a, b) = along_z(*half_length);
+                (Core::Capsule { a, b, radius: *radius }, false)
+            }
+            Shape::Box { half_extents } => (Core::Box { pose: placed.pose, half: *half_extents }, true),
+            Shape::Convex(hull) => (enclosing_capsule(hull.vertices(), &placed.pose), false),
+        };
+        let (centre, radius) = match &core {
+            Core::Capsule { a, b, radius } => ((a + b) / 2.0, (b - a).norm() / 2.0 + radius),
+            Core::Box { pose, half } => (pose.translation.vector, half.norm()),
+        };
+        Self { core, core_is_exact, exact, centre, radius }
+    }
+
+    /// The greatest distance (m) of the enclosing core from the body's origin.
+    pub fn reach(&self) -> f64 {
+        match &self.core {
+            Core::Capsule { a, b, radius } => a.norm().max(b.norm()) + radius,
+            Core::Box { .. } => self.centre.norm() + self.radius,
+        }
+    }
+
+    /// The atom with its body at `body`.
+    pub(super) fn place(&self, body: &Pose, out: &mut PlacedAtom) {
+        out.body = *body;
+        match &self.core {
+            Core::Capsule { a, b, .. } => {
+                out.a = body.rotation * a + body.translation.vector;
+                out.b = body.rotation * b + body.translation.vector;
+                out.centre = (out.a + out.b) / 2.0;
+            }
+            Core::Box { pose, .. } => {
+                out.frame = body * pose;
+                out.centre = out.frame.translation.vector;
+            }
+        }
+    }
+
+    /// The atom placed with its body at `body`.
+    pub(super) fn placed(&self, body: &Pose) -> PlacedAtom {
+        let mut out = PlacedAtom::nowhere();
+        self.place(body, &mut out);
+        out
+    }
+
+    /// A lower bound (m) on the distance between two placed atoms. It is either at least `need`,
+    /// or the distance itself (with some negative value where they overlap).
+    pub(super) fn separation(&self, at: &PlacedAtom, other: &Atom, other_at: &PlacedAtom, need: f64) -> f64 {
+        let reach = self.radius + other.radius + need;
+        let between = at.centre - other_at.centre;
+        let squared = between.norm_squared();
+        if squared >= reach * reach {
+            return squared.sqrt() - self.radius - other.radius;
+        }
+        let bound = match (&self.core, &other.core) {
+            (Core::Capsule { radius, .. }, Core::Capsule { radius: other_radius, .. }) => {
+                segment_segment_squared(&at.a, &at.b, &other_at.a, &other_at.b).sqrt() - radius - other_radius
+            }
+            (Core::Capsule { radius, .. }, Core::Box { half, .. }) => {
+                capsule_box(&at.a, &at.b, *radius, &other_at.frame, half)
+            }
+            (Core::Box { half, .. }, Core::Capsule { radius, .. }) => {
+                capsule_box(&other_at.a, &other_at.b, *radius, &at.frame, half)
+            }
+            (Core::Box { half, .. }, Core::Box { half: other_half, .. }) => {
+                // The gap along any face normal bounds the distance from below.
+                let gap = face_gap(&at.frame, half, &other_at.frame, other_half).max(face_gap(
+                    &other_at.frame,
+                    other_half,
+                    &at.frame,
+                    half,
+                ));
+                if gap >= need {
+                    return gap;
+                }
+                return self.exact.signed_distance(&at.body, &other.exact, &other_at.body, need);
+            }
+        };
+        if bound >= need || (self.core_is_exact && other.core_is_exact) {
+            bound
+        } else {
+            self.exact.signed_distance(&at.body, &other.exact, &other_at.body, need)
+        }
+    }
+}
+
+/// Distance between a capsule and a box: minus the radius where the segment meets the box.
+fn capsule_box(a: &Vec3, b: &Vec3, radius: f64, frame: &Pose, half: &Vec3) -> f64 {
+    let inverse = frame.rotation.inverse();
+    let p0 = inverse * (a - frame.translation.vector);
+    let p1 = inverse * (b - frame.translation.vector);
+    segment_box(&p0, &p1, half) - radius
+}
+
+/// The widest gap between two boxes along the face normals of the first.
+fn face_gap(frame: &Pose, half: &Vec3, other: &Pose, other_half: &Vec3) -> f64 {
+    let relative = frame.rotation.inverse() * other.rotation;
+    let matrix = relative.to_rotation_matrix();
+    let centre = frame.rotation.inverse() * (other.translation.vector - frame.translation.vector);
+    let mut widest = f64::NEG_INFINITY;
+    for i in 0..3 {
+        let extent = (0..3).map(|j| matrix[(i, j)].abs() * other_half[j]).sum::<f64>();
+        widest = widest.max(centre[i].abs() - half[i] - extent);
+    }
+    widest
+}
+
+/// A capsule around `vertices` (placed at `pose`) along the longest side of their box.
+fn enclosing_capsule(vertices: &[Vec3], pose: &Pose) -> Core {
+    let mut low = Vec3::repeat(f64::INFINITY);
+    let mut high = Vec3::repeat(f64::NEG_INFINITY);
+    for vertex in vertices {
+        low = low.inf(vertex);
+        high = high.sup(vertex);
+    }
+    let middle = (low + high) / 2.0;
+    let axis = (high - low).imax();
+    let mut radius = 0.0_f64;
+    let radial = |v: &Vec3| {
+        let mut offset = v - middle;
+        offset[axis] = 0.0;
+        offset.norm()
+    };
+    for vertex in vertices {
+        radius = radius.max(radial(vertex));
+    }
+    // The caps cover what lies within the radius of the segment's ends.
+    let mut start = f64::INFINITY;
+    let mut end = f64::NEG_INFINITY;
+    for vertex in vertices {
+        let cap = (radius * radius - radial(vertex).powi(2)).max(0.0).sqrt();
+        let along = vertex[axis] - middle[axis];
+        start = start.min(along + cap);
+        end = end.max(along - cap);
+    }
+    if start > end {
+        let centre = (start + end) / 2.0;
+        // Either end alone covers everything on its side; the midpoint covers both.
+        (start, end) = (centre, centre);
+    }
+    let mut a = middle;
+    let mut b = middle;
+    a[axis] += start;
+    b[axis] += end;
+    // Rounding must not leave a vertex outside.
+    let a = pose.rotation * a + pose.translation.vector;
+    let b = pose.rotation * b + pose.translation.vector;
+    Core::Capsule { a, b, radius: radius + 1e-9 }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::{ConvexHull, pose_from_parts};
+    use rand::Rng as _;
+
+    fn random_pose(rng: &mut crate::run::Rng) -> Pose {
+        let mut r = || rng.random_range(-1.0..1.0);
+        pose_from_parts([r(), r(), r()], [r(), r(), r(), r() + 1.5])
+    }
+
+    fn random_shape(rng: &mut crate::run::Rng) -> Shape {
+        let mut r = || rng.random_range(0.05..0.4);
+        let (x, y, z) = (r(), r(), r());
+        match rng.random_range(0..5) {
+            0 => Shape::Box { half_extents: Vec3::new(x, y, z) },
+            1 => Shape::Sphere { radius: x },
+            2 => Shape::Cylinder { radius: x, half_length: y },
+            3 => Shape::Capsule { radius: x, half_length: y },
+            _ => {
+                let points: Vec<Vec3> = (0..12)
+                    .map(|_| Vec3::from_fn(|i, _| rng.random_range(-1.0..1.0) * [x, y, z][i]))
+                    .collect();
+                Shape::Convex(std::sync::Arc::new(ConvexHull::new(&points).expect("random points span a volume")))
+            }
+        }
+    }
+
+    #[test]
+    fn separation_agrees_with_parry() {
+        let mut rng = crate::run::Seed(3).stream("atoms");
+        for case in 0..3000 {
+            let make = |rng: &mut crate::run::Rng| PlacedShape { shape: random_shape(rng), pose: random_pose(rng) };
+            let (a, b) = (make(&mut rng), make(&mut rng));
+            let (atom_a, atom_b) = (Atom::new(&a), Atom::new(&b));
+            let (pose_a, pose_b) = (random_pose(&mut rng), random_pose(&mut rng));
+            let need = rng.random_range(0.0..0.3);
+            let found = atom_a.separation(&atom_a.placed(&pose_a), &atom_b, &atom_b.placed(&pose_b), need);
+            let truth = ExactShape::new(&a).signed_distance(&pose_a, &ExactShape::new(&b), &pose_b, 10.0);
+            if truth > 1e-6 {
+                assert!(found <= truth + 1e-6, "case {case}: {found} exceeds {truth}");
+            } else {
+                assert!(found <= 1e-6, "case {case}: overlap missed, {found} against {truth}");
+            }
+            if found < need && truth > 0.0 {
+                assert!((found - truth).abs() < 1e-5, "case {case}: {found} is not {truth}, {:?} {:?}", a.shape, b.shape);
+            }
+        }
+    }
+}

@@ -1,0 +1,262 @@
+//! The compiled workcell and its queries.
+
+use crate::geometry::{Pose, Vec3};
+use crate::problem::Problem;
+use crate::workcell::{ArmId, ObjectId, ObstacleId, Workcell};
+use std::sync::Arc;
+
+use super::arm_bodies::{ArmBodies, Levers};
+use super::atom::{Atom, PlacedAtom};
+use super::certify::{self, JointMotion, StraightMotion};
+use super::scene::{Exemption, Held, Scene};
+
+/// A static atom in the world.
+#[derive(Debug, Clone)]
+pub(super) struct WorldAtom {
+    pub(super) atom: Atom,
+    pub(super) at: PlacedAtom,
+    pub(super) owner: Owner,
+}
+
+/// Whose static atom it is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Owner {
+    Obstacle(ObstacleId),
+    Resting(ObjectId),
+}
+
+/// An arm taking part in a query: its motion, what it holds, what it may touch.
+pub(super) struct Mover<'a> {
+    pub(super) arm: ArmId,
+    pub(super) base: Pose,
+    pub(super) bodies: &'a ArmBodies,
+    pub(super) motion: &'a dyn JointMotion,
+    pub(super) held: Option<HeldAtoms<'a>>,
+    pub(super) exemption: Exemption,
+}
+
+/// The atoms of a held object, on the mount link.
+pub(super) struct HeldAtoms<'a> {
+    pub(super) object: ObjectId,
+    pub(super) in_mount: Pose,
+    pub(super) atoms: &'a [Atom],
+    pub(super) levers: Levers,
+    /// Radius around the mount's origin that holds the object (m).
+    pub(super) radius: f64,
+}
+
+/// The workcell and the objects, compiled for collision checks. Immutable, shared by threads.
+#[derive(Debug, Clone)]
+pub struct CollisionWorld {
+    pub(super) workcell: Arc<Workcell>,
+    pub(super) arms: Vec<ArmBodies>,
+    pub(super) obstacles: Vec<WorldAtom>,
+    /// Atoms of each object in its frame.
+    pub(super) objects: Vec<Vec<Atom>>,
+    /// Clearance (m) that is certified.
+    pub(super) clearance: f64,
+}
+
+impl CollisionWorld {
+    /// Compiles the workcell and the objects of `problem`.
+    pub fn new(problem: &Problem) -> Self {
+        let workcell = problem.workcell.clone();
+        let arms = workcell.arms.iter().map(ArmBodies::new).collect();
+        let mut obstacles = Vec::new();
+        for (index, obstacle) in workcell.obstacles.iter().enumerate() {
+            for placed in &obstacle.shapes {
+                let atom = Atom::new(placed);
+                let at = atom.placed(&obstacle.pose);
+                obstacles.push(WorldAtom { atom, at, owner: Owner::Obstacle(ObstacleId(index)) });
+            }
+        }
+        let objects =
+            problem.objects.iter().map(|object| object.shapes.iter().map(Atom::new).collect()).collect();
+        Self { workcell, arms, obstacles, objects, clearance: problem.options.clearance_m }
+    }
+
+    /// The clearance (m) that every check certifies.
+    pub fn clearance(&self) -> f64 {
+        self.clearance
+    }
+
+    /// Whether the arm is free at each of `configs`: against itself, obstacles, resting objects,
+    /// its held object included. Stops at nothing; one answer per configuration.
+    pub fn configs_free(
+        &self,
+        arm: ArmId,
+        configs: &[&[f64]],
+        held: Option<&Held>,
+        scene: &Scene,
+        exemption: Exemption,
+    ) -> Vec<bool> {
+        let resting = self.resting_atoms(scene);
+        configs.iter().map(|q| self.static_free(arm, &StraightMotion::rest(q), held, &resting, exemption)).collect()
+    }
+
+    /// Whether the arm is free at `q`; see [`Self::configs_free`].
+    pub fn config_free(&self, arm: ArmId, q: &[f64], held: Option<&Held>, scene: &Scene, exemption: Exemption) -> bool {
+        self.static_free(arm, &StraightMotion::rest(q), held, &self.resting_atoms(scene), exemption)
+    }
+
+    /// Whether each straight joint edge is certified free for the arm, all else at rest.
+    pub fn edges_free(
+        &self,
+        arm: ArmId,
+        edges: &[(&[f64], &[f64])],
+        held: Option<&Held>,
+        scene: &Scene,
+        exemption: Exemption,
+    ) -> Vec<bool> {
+        let resting = self.resting_atoms(scene);
+        edges
+            .iter()
+            .map(|(from, to)| self.static_free(arm, &StraightMotion::new(from, to), held, &resting, exemption))
+            .collect()
+    }
+
+    /// Whether the straight joint edge is certified free for the arm; see [`Self::edges_free`].
+    pub fn edge_free(
+        &self,
+        arm: ArmId,
+        from: &[f64],
+        to: &[f64],
+        held: Option<&Held>,
+        scene: &Scene,
+        exemption: Exemption,
+    ) -> bool {
+        self.static_free(arm, &StraightMotion::new(from, to), held, &self.resting_atoms(scene), exemption)
+    }
+
+    /// Whether the arm's motion over its whole domain is certified free of itself, obstacles and
+    /// resting objects.
+    pub fn motion_free(
+        &self,
+        arm: ArmId,
+        motion: &dyn JointMotion,
+        held: Option<&Held>,
+        scene: &Scene,
+        exemption: Exemption,
+    ) -> bool {
+        self.static_free(arm, motion, held, &self.resting_atoms(scene), exemption)
+    }
+
+    /// Whether two arms at rest are clear of each other, held objects included.
+    pub fn arms_apart(
+        &self,
+        first: (ArmId, &[f64], Option<&Held>, Exemption),
+        second: (ArmId, &[f64], Option<&Held>, Exemption),
+    ) -> bool {
+        let a = StraightMotion::rest(first.1);
+        let b = StraightMotion::rest(second.1);
+        self.motions_apart((first.0, &a, first.2, first.3), (second.0, &b, second.2, second.3), (0.0, 1.0))
+    }
+
+    /// Whether two arms' motions over the common interval `span` are certified apart, held
+    /// objects included.
+    pub fn motions_apart(
+        &self,
+        first: (ArmId, &dyn JointMotion, Option<&Held>, Exemption),
+        second: (ArmId, &dyn JointMotion, Option<&Held>, Exemption),
+        span: (f64, f64),
+    ) -> bool {
+        self.first_conflict(first, second, span).is_none()
+    }
+
+    /// The time around which two arms' motions first fail to be certified apart in `span`, if any.
+    pub fn first_conflict(
+        &self,
+        first: (ArmId, &dyn JointMotion, Option<&Held>, Exemption),
+        second: (ArmId, &dyn JointMotion, Option<&Held>, Exemption),
+        span: (f64, f64),
+    ) -> Option<f64> {
+        let a = self.mover(first.0, first.1, first.2, first.3);
+        let b = self.mover(second.0, second.1, second.2, second.3);
+        let reach = |mover: &Mover<'_>| mover.bodies.reach_with(mover.held.as_ref().map_or(0.0, |h| h.radius));
+        let between = (a.bodies.reach_centre - b.bodies.reach_centre).norm();
+        if between > reach(&a) + reach(&b) + self.clearance {
+            return None;
+        }
+        certify::arm_pair_conflict(self, &a, &b, span)
+    }
+
+    /// Whether the held object of `arm` at `q` touches an object that rests, both as they are.
+    pub fn resting_atoms(&self, scene: &Scene) -> Resting {
+        let mut atoms = Vec::new();
+        for (object, pose) in &scene.resting {
+            for atom in self.objects.get(object.0).into_iter().flatten() {
+                atoms.push(WorldAtom {
+                    atom: atom.clone(),
+                    at: atom.placed(pose),
+                    owner: Owner::Resting(*object),
+                });
+            }
+        }
+        Resting { atoms }
+    }
+
+    /// Whether the arm's motion is free, against resting objects prepared by
+    /// [`Self::resting_atoms`].
+    pub fn static_free(
+        &self,
+        arm: ArmId,
+        motion: &dyn JointMotion,
+        held: Option<&Held>,
+        resting: &Resting,
+        exemption: Exemption,
+    ) -> bool {
+        let mover = self.mover(arm, motion, held, exemption);
+        certify::static_free(self, &mover, &resting.atoms)
+    }
+
+    /// Whether an object at rest at `pose` is clear of the other resting objects and of every
+    /// obstacle but `carrier`.
+    pub fn placement_free(&self, object: ObjectId, pose: &Pose, carrier: Option<ObstacleId>, scene: &Scene) -> bool {
+        let resting = self.resting_atoms(scene);
+        let others = self.obstacles.iter().chain(&resting.atoms).filter(|other| match other.owner {
+            Owner::Obstacle(id) => Some(id) != carrier,
+            Owner::Resting(id) => id != object,
+        });
+        let Some(atoms) = self.objects.get(object.0) else { return false };
+        let placed: Vec<PlacedAtom> = atoms.iter().map(|atom| atom.placed(pose)).collect();
+        for other in others {
+            for (atom, at) in atoms.iter().zip(&placed) {
+                if atom.separation(at, &other.atom, &other.at, self.clearance) < self.clearance {
+                    return false;
+                }
+            }
+        }
+        true
+    }
+
+    fn mover<'a>(
+        &'a self,
+        arm: ArmId,
+        motion: &'a dyn JointMotion,
+        held: Option<&Held>,
+        exemption: Exemption,
+    ) -> Mover<'a> {
+        let bodies = &self.arms[arm.0];
+        let model = &self.workcell.arms[arm.0];
+        let held = held.map(|held| {
+            let in_mount = model.tool.tcp * held.object_in_tcp;
+            let atoms = self.objects[held.object.0].as_slice();
+            let radius = in_mount.translation.vector.norm() + atoms.iter().map(Atom::reach).fold(0.0, f64::max);
+            HeldAtoms { object: held.object, in_mount, atoms, levers: bodies.held_levers(radius), radius }
+        });
+        Mover { arm, base: model.base, bodies, motion, held, exemption }
+    }
+
+    /// Where atoms of obstacles are too far for anything that the arm moves.
+    pub(super) fn out_of_reach(mover: &Mover<'_>, atom: &WorldAtom, clearance: f64) -> bool {
+        let reach = mover.bodies.reach_with(mover.held.as_ref().map_or(0.0, |h| h.radius));
+        let centre: &Vec3 = &mover.bodies.reach_centre;
+        (atom.at.centre - centre).norm() > reach + atom.atom.radius + clearance
+    }
+}
+
+/// Resting objects prepared for many queries.
+#[derive(Debug, Clone)]
+pub struct Resting {
+    pub(super) atoms: Vec<WorldAtom>,
+}

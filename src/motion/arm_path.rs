@@ -1,0 +1,281 @@
+//! The shortest free path of one arm, all else at rest: straight where possible, else along its
+//! roadmap with lazy edge checks (Lazy PRM*, Hauser 2015), shortcut afterwards.
+
+use std::cmp::Ordering;
+use std::collections::{BTreeSet, BinaryHeap};
+
+use rand::Rng as _;
+
+use crate::collision::{CollisionWorld, Exemption, Held, Resting, StraightMotion};
+use crate::kinematics::Config;
+use crate::run::{Control, Rng};
+use crate::workcell::ArmId;
+
+use super::roadmap::Roadmap;
+
+/// How often a path through the roadmap may turn out blocked before the search gives up.
+const GREATEST_REPAIRS: usize = 80;
+
+/// Roadmap vertices to which the ends of a path are joined.
+const CONNECTIONS: usize = 12;
+
+/// Random shortcuts tried on a path with more than two waypoints.
+const SHORTCUTS: usize = 24;
+
+/// Another arm that stands still and must be avoided.
+#[derive(Debug, Clone)]
+pub struct Avoid {
+    /// Which arm.
+    pub arm: ArmId,
+    /// Where it stands.
+    pub q: Config,
+    /// What it holds.
+    pub held: Option<Held>,
+}
+
+/// What a path must be free of.
+pub(super) struct Surroundings<'a> {
+    pub(super) world: &'a CollisionWorld,
+    pub(super) arm: ArmId,
+    pub(super) held: Option<&'a Held>,
+    pub(super) resting: &'a Resting,
+    pub(super) avoid: &'a [Avoid],
+}
+
+impl Surroundings<'_> {
+    /// Whether the straight edge is certified free.
+    pub(super) fn edge_free(&self, from: &[f64], to: &[f64]) -> bool {
+        let motion = StraightMotion::new(from, to);
+        let none = Exemption::default();
+        self.world.static_free(self.arm, &motion, self.held, self.resting, none) && self.clear_of_arms(&motion)
+    }
+
+    fn clear_of_arms(&self, motion: &StraightMotion) -> bool {
+        let none = Exemption::default();
+        self.avoid.iter().all(|other| {
+            let rest = StraightMotion::rest(&other.q);
+            self.world.motions_apart(
+                (self.arm, motion, self.held, none),
+                (other.arm, &rest, other.held.as_ref(), none),
+                (0.0, 1.0),
+            )
+        })
+    }
+}
+
+/// A free path of `arm` from `from` to `to`, both ends included; `None` when the roadmap holds
+/// none, or `control` stops the search.
+#[allow(clippy::too_many_arguments)]
+pub fn find_path(
+    world: &CollisionWorld,
+    roadmap: &mut Roadmap,
+    arm: ArmId,
+    (from, to): (&Config, &Config),
+    held: Option<&Held>,
+    resting: &Resting,
+    avoid: &[Avoid],
+    control: &Control,
+    rng: &mut Rng,
+) -> Option<Vec<Config>> {
+    let around = Surroundings { world, arm, held, resting, avoid };
+    if around.edge_free(from, to) {
+        return Some(vec![from.clone(), to.clone()]);
+    }
+    let path = through_roadmap(&around, roadmap, from, to, control)?;
+    Some(shortcut(&around, roadmap, path, rng))
+}
+
+/// Lazy A* over the roadmap with both ends joined to their nearest vertices.
+fn through_roadmap(
+    around: &Surroundings<'_>,
+    roadmap: &mut Roadmap,
+    from: &Config,
+    to: &Config,
+    control: &Control,
+) -> Option<Vec<Config>> {
+    let count = roadmap.vertices().len();
+    let (source, target) = (count, count + 1);
+    let mut starts = roadmap.nearest(from, CONNECTIONS);
+    let mut goals = roadmap.nearest(to, CONNECTIONS);
+    let mut blocked: BTreeSet<usize> = BTreeSet::new();
+    let mut free: BTreeSet<usize> = BTreeSet::new();
+    let mut free_ends: BTreeSet<(usize, usize)> = BTreeSet::new();
+    for _ in 0..GREATEST_REPAIRS {
+        if control.should_stop() {
+            return None;
+        }
+        let route = shortest(roadmap, from, to, (source, target), (&starts, &goals), &blocked)?;
+        let config = |v: usize| {
+            if v == source {
+                from.clone()
+            } else if v == target {
+                to.clone()
+            } else {
+                roadmap.vertices()[v].clone()
+            }
+        };
+        let points: Vec<Config> = route.iter().map(|(v, _)| config(*v)).collect();
+        let mut broken = false;
+        // From both ends towards the middle: the ends are where most paths break.
+        let last = route.len() - 1;
+        let order = (0..last).map(|i| if i % 2 == 0 { i / 2 } else { last - 1 - i / 2 });
+        for i in order {
+            let (u, v) = (route[i].0, route[i + 1].0);
+            match route[i + 1].1 {
+                Some(edge) => {
+                    if free.contains(&edge) {
+                        continue;
+                    }
+                    let passes =
+                        roadmap.edge_free(around.world, edge) && around.edge_free(&points[i], &points[i + 1]);
+                    if passes {
+                        free.insert(edge);
+                    } else {
+                        blocked.insert(edge);
+                        broken = true;
+                    }
+                }
+                None => {
+                    if free_ends.contains(&(u, v)) {
+                        continue;
+                    }
+                    if around.edge_free(&points[i], &points[i + 1]) {
+                        free_ends.insert((u, v));
+                    } else {
+                        if u == source {
+                            starts.retain(|&s| s != v);
+                        } else {
+                            goals.retain(|&g| g != u);
+                        }
+                        broken = true;
+                    }
+                }
+            }
+            if broken {
+                break;
+            }
+        }
+        if !broken {
+            return Some(points);
+        }
+    }
+    None
+}
+
+#[derive(PartialEq)]
+struct Open {
+    estimate: f64,
+    vertex: usize,
+}
+
+impl Eq for Open {}
+
+impl PartialOrd for Open {
+    fn partial_cmp(&self, other: &Self) -> Option<Ordering> {
+        Some(self.cmp(other))
+    }
+}
+
+impl Ord for Open {
+    fn cmp(&self, other: &Self) -> Ordering {
+        other.estimate.total_cmp(&self.estimate).then_with(|| other.vertex.cmp(&self.vertex))
+    }
+}
+
+/// A* from `source` to `target`: vertices with the edge that led to each.
+fn shortest(
+    roadmap: &Roadmap,
+    from: &Config,
+    to: &Config,
+    (source, target): (usize, usize),
+    (starts, goals): (&[usize], &[usize]),
+    blocked: &BTreeSet<usize>,
+) -> Option<Vec<(usize, Option<usize>)>> {
+    let vertices = roadmap.vertices();
+    let mut cost = vec![f64::INFINITY; vertices.len() + 2];
+    let mut parent: Vec<Option<(usize, Option<usize>)>> = vec![None; vertices.len() + 2];
+    let mut closed = vec![false; vertices.len() + 2];
+    let mut open = BinaryHeap::new();
+    cost[source] = 0.0;
+    open.push(Open { estimate: roadmap.distance(from, to), vertex: source });
+    while let Some(Open { vertex, .. }) = open.pop() {
+        if std::mem::replace(&mut closed[vertex], true) {
+            continue;
+        }
+        if vertex == target {
+            let mut route = vec![];
+            let mut at = target;
+            while at != source {
+                let (before, edge) = parent[at]?;
+                route.push((at, edge));
+                at = before;
+            }
+            route.push((source, None));
+            route.reverse();
+            return Some(route);
+        }
+        let mut relax = |next: usize, length: f64, edge: Option<usize>| {
+            let through = cost[vertex] + length;
+            if through < cost[next] {
+                cost[next] = through;
+                parent[next] = Some((vertex, edge));
+                let rest = if next == target { 0.0 } else { roadmap.distance(&vertices[next], to) };
+                open.push(Open { estimate: through + rest, vertex: next });
+            }
+        };
+        if vertex == source {
+            for &start in starts {
+                relax(start, roadmap.distance(from, &vertices[start]), None);
+            }
+            continue;
+        }
+        for (edge, next) in roadmap.neighbours(vertex) {
+            if !roadmap.known_blocked(edge) && !blocked.contains(&edge) {
+                relax(next, roadmap.edge(edge).length, Some(edge));
+            }
+        }
+        if goals.contains(&vertex) {
+            relax(target, roadmap.distance(&vertices[vertex], to), None);
+        }
+    }
+    None
+}
+
+/// Shortens a free path: whole waypoints first, then random pieces.
+fn shortcut(around: &Surroundings<'_>, roadmap: &Roadmap, mut path: Vec<Config>, rng: &mut Rng) -> Vec<Config> {
+    let mut start = 0;
+    while start + 2 < path.len() {
+        let mut end = path.len() - 1;
+        while end > start + 1 {
+            if around.edge_free(&path[start], &path[end]) {
+                path.drain(start + 1..end);
+                break;
+            }
+            end -= 1;
+        }
+        start += 1;
+    }
+    for _ in 0..SHORTCUTS {
+        if path.len() < 3 {
+            break;
+        }
+        let pieces = path.len() - 1;
+        let i = rng.random_range(0..pieces);
+        let j = rng.random_range(0..pieces);
+        let (i, j) = (i.min(j), i.max(j));
+        if i == j {
+            continue;
+        }
+        let cut = |piece: usize, s: f64| -> Config {
+            path[piece].iter().zip(&path[piece + 1]).map(|(a, b)| a + (b - a) * s).collect()
+        };
+        let (a, b) = (cut(i, rng.random()), cut(j, rng.random()));
+        let old = roadmap.distance(&a, &path[i + 1])
+            + path[i + 1..=j].windows(2).map(|w| roadmap.distance(&w[0], &w[1])).sum::<f64>()
+            + roadmap.distance(&path[j], &b);
+        if roadmap.distance(&a, &b) < 0.98 * old && around.edge_free(&a, &b) {
+            path.splice(i + 1..=j, [a, b]);
+        }
+    }
+    path
+}

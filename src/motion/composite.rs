@@ -1,0 +1,309 @@
+//! The search over the tensor product of the arms' roadmaps (dRRT: Solovey et al. 2016; with the
+//! informed steering of dRRT*: Shome et al. 2019).
+
+use rand::Rng as _;
+
+use crate::collision::{CollisionWorld, Exemption, Resting, StraightMotion};
+use crate::kinematics::{Config, JointLimits};
+use crate::problem::Problem;
+use crate::run::{Control, Rng};
+use crate::trajectory::{Curve, time_path};
+use crate::workcell::ArmId;
+
+use super::roadmap::Roadmap;
+use super::schedule::find_conflict;
+use super::task::{ArmGoal, StepTask};
+use super::timed::{ArmMotion, CurveMotion, StepMotion, Window};
+
+/// Vertices that the tree may have.
+const GREATEST_TREE: usize = 1500;
+
+/// How often the direct connection to the goal is tried: once in so many extensions.
+const CONNECT_EVERY: usize = 8;
+
+/// Plans a step with all arms as one composite robot: leave, travel through the tensor product,
+/// approach.
+pub(super) fn plan(
+    problem: &Problem,
+    world: &CollisionWorld,
+    roadmaps: &mut [Roadmap],
+    task: &StepTask,
+    control: &Control,
+    rng: &mut Rng,
+) -> Option<StepMotion> {
+    let resting = world.resting_atoms(&task.scene);
+    let from: Vec<Config> = task
+        .arms
+        .iter()
+        .map(|arm| arm.departure.as_ref().and_then(|d| d.line.waypoints.last()).unwrap_or(&arm.start).clone())
+        .collect();
+    let to: Vec<Option<Config>> = task
+        .arms
+        .iter()
+        .map(|arm| match &arm.goal {
+            ArmGoal::Contact { approach: Some(line), .. } => line.waypoints.last().cloned(),
+            ArmGoal::Contact { q, .. } => Some(q.clone()),
+            _ => None,
+        })
+        .collect();
+    let mut search = Composite { world, roadmaps, task, resting: &resting };
+    let path = search.grow_tree(&from, &to, control, rng)?;
+    assemble(problem, world, task, &resting, &path)
+}
+
+/// A vertex of the composite tree.
+struct Node {
+    q: Vec<Config>,
+    /// Roadmap vertex by arm, where the arm stands on one.
+    at: Vec<Option<usize>>,
+    parent: usize,
+}
+
+struct Composite<'a> {
+    world: &'a CollisionWorld,
+    roadmaps: &'a mut [Roadmap],
+    task: &'a StepTask,
+    resting: &'a Resting,
+}
+
+impl Composite<'_> {
+    /// Grows the tree until it meets the goal; composite waypoints.
+    fn grow_tree(
+        &mut self,
+        from: &[Config],
+        to: &[Option<Config>],
+        control: &Control,
+        rng: &mut Rng,
+    ) -> Option<Vec<Vec<Config>>> {
+        let count = from.len();
+        let mut tree = vec![Node { q: from.to_vec(), at: vec![None; count], parent: 0 }];
+        for extension in 0..GREATEST_TREE {
+            if control.should_stop() {
+                return None;
+            }
+            // Towards the goal half of the time, towards anywhere otherwise.
+            let greedy = rng.random_bool(0.5);
+            let sample: Vec<Config> = (0..count)
+                .map(|arm| match &to[arm] {
+                    Some(goal) if greedy => goal.clone(),
+                    _ => {
+                        let vertices = self.roadmaps[arm].vertices();
+                        match vertices.len() {
+                            0 => from[arm].clone(),
+                            n => vertices[rng.random_range(0..n)].clone(),
+                        }
+                    }
+                })
+                .collect();
+            let near = (0..tree.len())
+                .min_by(|&a, &b| self.gap(&tree[a].q, &sample).total_cmp(&self.gap(&tree[b].q, &sample)))?;
+            let next = self.steer(&tree[near], &sample, rng);
+            if next.q == tree[near].q || !self.edge_free(&tree[near].q, &next.q) {
+                continue;
+            }
+            tree.push(Node { parent: near, ..next });
+            let newest = tree.len() - 1;
+            if greedy || extension % CONNECT_EVERY == 0 {
+                let goal: Vec<Config> =
+                    (0..count).map(|arm| to[arm].clone().unwrap_or_else(|| tree[newest].q[arm].clone())).collect();
+                if let Some(mut tail) = self.connect(&tree[newest].q, &goal, to) {
+                    let mut path = Vec::new();
+                    let mut at = newest;
+                    loop {
+                        path.push(tree[at].q.clone());
+                        if at == 0 {
+                            break;
+                        }
+                        at = tree[at].parent;
+                    }
+                    path.reverse();
+                    path.append(&mut tail);
+                    return Some(self.shortcut(path, rng));
+                }
+            }
+        }
+        None
+    }
+
+    fn gap(&self, a: &[Config], b: &[Config]) -> f64 {
+        a.iter().zip(b).zip(self.roadmaps.iter()).map(|((x, y), roadmap)| roadmap.distance(x, y)).sum()
+    }
+
+    /// For each arm the roadmap neighbour that lies most in the direction of the sample, or a rest.
+    fn steer(&mut self, node: &Node, sample: &[Config], rng: &mut Rng) -> Node {
+        let count = node.q.len();
+        let mut q = Vec::with_capacity(count);
+        let mut at = Vec::with_capacity(count);
+        for arm in 0..count {
+            if rng.random_bool(0.15) {
+                q.push(node.q[arm].clone());
+                at.push(node.at[arm]);
+                continue;
+            }
+            let roadmap = &self.roadmaps[arm];
+            let neighbours: Vec<usize> = match node.at[arm] {
+                Some(vertex) => roadmap
+                    .neighbours(vertex)
+                    .filter(|&(edge, _)| !roadmap.known_blocked(edge))
+                    .map(|(_, next)| next)
+                    .collect(),
+                None => roadmap.nearest(&node.q[arm], 8),
+            };
+            let best = neighbours.into_iter().max_by(|&a, &b| {
+                let towards = |v: usize| cosine(&node.q[arm], &roadmap.vertices()[v], &sample[arm]);
+                towards(a).total_cmp(&towards(b)).then(b.cmp(&a))
+            });
+            match best {
+                Some(vertex) => {
+                    q.push(roadmap.vertices()[vertex].clone());
+                    at.push(Some(vertex));
+                }
+                None => {
+                    q.push(node.q[arm].clone());
+                    at.push(node.at[arm]);
+                }
+            }
+        }
+        Node { q, at, parent: 0 }
+    }
+
+    /// Joins `from` to the goal: all arms at once, or one after the other in two orders.
+    fn connect(&self, from: &[Config], goal: &[Config], to: &[Option<Config>]) -> Option<Vec<Vec<Config>>> {
+        if self.edge_free(from, goal) {
+            return Some(vec![goal.to_vec()]);
+        }
+        let movers: Vec<usize> = (0..from.len()).filter(|&arm| to[arm].is_some()).collect();
+        let forwards = movers.clone();
+        let backwards: Vec<usize> = movers.into_iter().rev().collect();
+        [forwards, backwards].into_iter().find_map(|order| {
+            let mut at = from.to_vec();
+            let mut path = Vec::new();
+            for arm in order {
+                let mut next = at.clone();
+                next[arm] = goal[arm].clone();
+                if !self.edge_free(&at, &next) {
+                    return None;
+                }
+                path.push(next.clone());
+                at = next;
+            }
+            Some(path)
+        })
+    }
+
+    /// Whether the straight composite edge is certified free.
+    fn edge_free(&self, from: &[Config], to: &[Config]) -> bool {
+        let none = Exemption::default();
+        let motions: Vec<StraightMotion> = from.iter().zip(to).map(|(a, b)| StraightMotion::new(a, b)).collect();
+        let arms = &self.task.arms;
+        (0..arms.len()).all(|i| {
+            from[i] == to[i]
+                || self.world.static_free(ArmId(i), &motions[i], arms[i].held.as_ref(), self.resting, none)
+        }) && (0..arms.len()).all(|i| {
+            (i + 1..arms.len()).all(|j| {
+                (from[i] == to[i] && from[j] == to[j])
+                    || self.world.motions_apart(
+                        (ArmId(i), &motions[i], arms[i].held.as_ref(), none),
+                        (ArmId(j), &motions[j], arms[j].held.as_ref(), none),
+                        (0.0, 1.0),
+                    )
+            })
+        })
+    }
+
+    fn shortcut(&self, mut path: Vec<Vec<Config>>, rng: &mut Rng) -> Vec<Vec<Config>> {
+        for _ in 0..3 * path.len() {
+            if path.len() < 3 {
+                break;
+            }
+            let i = rng.random_range(0..path.len() - 2);
+            let j = rng.random_range(i + 2..path.len());
+            if self.edge_free(&path[i], &path[j]) {
+                path.drain(i + 1..j);
+            }
+        }
+        path
+    }
+}
+
+fn cosine(from: &[f64], to: &[f64], sample: &[f64]) -> f64 {
+    let (mut dot, mut a, mut b) = (0.0, 0.0, 0.0);
+    for ((f, t), s) in from.iter().zip(to).zip(sample) {
+        dot += (t - f) * (s - f);
+        a += (t - f) * (t - f);
+        b += (s - f) * (s - f);
+    }
+    if a * b > 0.0 { dot / (a * b).sqrt() } else { -1.0 }
+}
+
+/// Times departures, the composite path and approaches one after the other, and certifies them.
+fn assemble(
+    problem: &Problem,
+    world: &CollisionWorld,
+    task: &StepTask,
+    resting: &Resting,
+    path: &[Vec<Config>],
+) -> Option<StepMotion> {
+    let models = &problem.workcell.arms;
+    let count = task.arms.len();
+    let mut curves: Vec<Curve> = task.arms.iter().map(|arm| Curve::rest(&arm.start, 0.0)).collect();
+    let mut windows: Vec<Vec<Window>> = vec![Vec::new(); count];
+    let dwell = task.arms.iter().map(|arm| arm.dwell).fold(0.0, f64::max);
+    let mut clock = dwell;
+    let catch_up = |curves: &mut Vec<Curve>, to: f64| {
+        let latest = curves.iter().map(Curve::end_time).fold(to, f64::max) + 0.002;
+        for curve in curves.iter_mut() {
+            curve.wait_until(latest);
+        }
+        latest
+    };
+    clock = catch_up(&mut curves, clock);
+    for (i, arm) in task.arms.iter().enumerate() {
+        if let Some(departure) = &arm.departure {
+            let line = &departure.line.waypoints;
+            let tolerances = vec![0.001; line.len()];
+            curves[i].append(&time_path(line, &tolerances, &models[i].limits).ok()?).ok()?;
+            windows[i].push(Window { from: 0.0, to: curves[i].end_time(), exemption: departure.exemption });
+        }
+    }
+    clock = catch_up(&mut curves, clock);
+    let limits: Vec<JointLimits> = models.iter().flat_map(|arm| arm.limits.iter().copied()).collect();
+    let flat: Vec<Config> = path.iter().map(|q| q.iter().flatten().copied().collect()).collect();
+    let travel = time_path(&flat, &vec![0.0; flat.len()], &limits).ok()?;
+    let mut offset = 0;
+    for (curve, model) in curves.iter_mut().zip(models) {
+        let dof = model.limits.len();
+        curve.append(&travel.select(offset..offset + dof)).ok()?;
+        offset += dof;
+    }
+    catch_up(&mut curves, clock);
+    for (i, arm) in task.arms.iter().enumerate() {
+        if let ArmGoal::Contact { approach: Some(line), exemption, .. } = &arm.goal {
+            let start = curves[i].end_time();
+            let inwards = line.inwards();
+            let tolerances = vec![0.001; inwards.len()];
+            curves[i].append(&time_path(&inwards, &tolerances, &models[i].limits).ok()?).ok()?;
+            windows[i].push(Window { from: start, to: f64::INFINITY, exemption: *exemption });
+        }
+    }
+    let duration = catch_up(&mut curves, 0.0);
+    let arms: Vec<ArmMotion> = curves
+        .into_iter()
+        .zip(windows)
+        .zip(&task.arms)
+        .map(|((curve, mut windows), arm)| {
+            for window in &mut windows {
+                window.to = window.to.min(duration);
+            }
+            ArmMotion { curve, windows, held: arm.held }
+        })
+        .collect();
+    let motion = StepMotion { arms, duration };
+    let still_free = motion.arms.iter().enumerate().all(|(i, arm)| {
+        arm.pieces(0.0, duration).into_iter().all(|(from, to, exemption)| {
+            let part = CurveMotion { curve: &arm.curve, span: (from, to) };
+            world.static_free(ArmId(i), &part, arm.held.as_ref(), resting, exemption)
+        })
+    });
+    (still_free && find_conflict(world, &motion).is_none()).then_some(motion)
+}

@@ -1,0 +1,172 @@
+//! One arm's way through a step as timed curves: leave, travel, approach.
+
+use crate::collision::{CollisionWorld, Resting};
+use crate::kinematics::Config;
+use crate::trajectory::{Curve, time_path};
+use crate::transition::Line;
+use crate::workcell::{Arm, ArmId};
+
+use super::task::{ArmGoal, ArmTask};
+use super::timed::{CurveMotion, Window, pieces};
+
+/// Greatest deviation (rad or m) where a corner of the free path is rounded.
+const FREE_TOLERANCE: f64 = 0.12;
+
+/// Greatest deviation (rad or m) at the waypoints within a straight line.
+const LINE_TOLERANCE: f64 = 0.001;
+
+/// How much earlier (m) than the required distance an exemption ends.
+const EXEMPTION_MARGIN: f64 = 0.001;
+
+/// A timed curve from 0 on, with its windows.
+#[derive(Debug, Clone)]
+pub(super) struct Leg {
+    pub(super) curve: Curve,
+    pub(super) windows: Vec<Window>,
+    /// When the departure line's required distance is behind the arm (s).
+    pub(super) departed: f64,
+    /// When the approach line's required distance begins (s), where there is one.
+    pub(super) approaching: Option<f64>,
+}
+
+/// An arm's legs.
+#[derive(Debug, Clone)]
+pub(super) struct Legs {
+    /// The whole way in one flow.
+    pub(super) through: Leg,
+    /// The same with a rest before the approach, for an arm that must await a giver.
+    pub(super) split: Option<(Leg, Leg)>,
+}
+
+/// Times the way of an arm whose free path is `path` (from the end of the departure line, or the
+/// start, to the far end of the approach line, or the contact), and certifies it against what
+/// stands still; `None` when that fails even with stops at all corners.
+pub(super) fn time_legs(
+    world: &CollisionWorld,
+    id: ArmId,
+    arm: &Arm,
+    task: &ArmTask,
+    path: &[Config],
+    resting: &Resting,
+) -> Option<Legs> {
+    let gated = matches!(&task.goal, ArmGoal::Contact { after: Some(_), approach: Some(_), .. });
+    for tolerance in [FREE_TOLERANCE, FREE_TOLERANCE / 6.0, 0.0] {
+        let way = Way::new(task, path, tolerance);
+        let Some(through) = way.leg(arm, task, true, true) else { continue };
+        if !is_free(world, id, task, &through, resting) {
+            continue;
+        }
+        let split = if gated {
+            let before = way.leg(arm, task, true, false)?;
+            let after = way.leg(arm, task, false, true)?;
+            if !is_free(world, id, task, &before, resting) || !is_free(world, id, task, &after, resting) {
+                continue;
+            }
+            Some((before, after))
+        } else {
+            None
+        };
+        return Some(Legs { through, split });
+    }
+    None
+}
+
+fn is_free(world: &CollisionWorld, id: ArmId, task: &ArmTask, leg: &Leg, resting: &Resting) -> bool {
+    let curve = &leg.curve;
+    pieces(&leg.windows, curve.start_time(), curve.end_time()).into_iter().all(|(from, to, exemption)| {
+        let motion = CurveMotion { curve, span: (from, to) };
+        world.static_free(id, &motion, task.held.as_ref(), resting, exemption)
+    })
+}
+
+/// The polyline of a way and its corner tolerances.
+struct Way {
+    waypoints: Vec<Config>,
+    tolerances: Vec<f64>,
+    /// Index of the first waypoint of the approach line.
+    approach_start: usize,
+}
+
+impl Way {
+    fn new(task: &ArmTask, path: &[Config], tolerance: f64) -> Self {
+        let mut waypoints: Vec<Config> = Vec::new();
+        let mut tolerances: Vec<f64> = Vec::new();
+        if let Some(departure) = &task.departure {
+            let corners = line_tolerances(&departure.line, tolerance);
+            waypoints.extend(departure.line.waypoints.iter().cloned());
+            tolerances.extend(corners);
+        }
+        let skip = usize::from(!waypoints.is_empty());
+        for q in path.iter().skip(skip) {
+            waypoints.push(q.clone());
+            tolerances.push(tolerance);
+        }
+        let mut approach_start = waypoints.len().saturating_sub(1);
+        if let ArmGoal::Contact { approach: Some(line), .. } = &task.goal {
+            // The path ends where the line begins.
+            waypoints.pop();
+            tolerances.pop();
+            approach_start = waypoints.len();
+            waypoints.extend(line.inwards());
+            let mut corners = line_tolerances(line, tolerance);
+            corners.reverse();
+            tolerances.extend(corners);
+        }
+        Self { waypoints, tolerances, approach_start }
+    }
+
+    /// Times the part before the approach, the approach, or both.
+    fn leg(&self, arm: &Arm, task: &ArmTask, before: bool, approach: bool) -> Option<Leg> {
+        let from = if before { 0 } else { self.approach_start };
+        let to = if approach { self.waypoints.len() } else { self.approach_start + 1 };
+        let waypoints = self.waypoints.get(from..to)?;
+        let curve = time_path(waypoints, self.tolerances.get(from..to)?, &arm.limits).ok()?;
+        let mut windows = Vec::new();
+        let mut departed = 0.0;
+        let mut approaching = None;
+        if before && let Some(departure) = &task.departure {
+            let distance = departure.line.distance;
+            departed = leaves(arm, &curve, distance);
+            let to = leaves(arm, &curve, distance - EXEMPTION_MARGIN);
+            windows.push(Window { from: 0.0, to, exemption: departure.exemption });
+        }
+        if approach && let ArmGoal::Contact { approach: Some(line), exemption, .. } = &task.goal {
+            let backwards = curve.reversed();
+            let end = curve.end_time();
+            approaching = Some(end - leaves(arm, &backwards, line.distance + EXEMPTION_MARGIN));
+            let from = end - leaves(arm, &backwards, line.distance - EXEMPTION_MARGIN);
+            let from = windows.last().map_or(from, |w: &Window| from.max(w.to));
+            windows.push(Window { from, to: end, exemption: *exemption });
+        }
+        Some(Leg { curve, windows, departed, approaching })
+    }
+}
+
+/// Corner tolerances of a line's waypoints from the contact outwards: tight along the required
+/// distance, free at the far end when that lies beyond it, and a stop otherwise.
+fn line_tolerances(line: &Line, free: f64) -> Vec<f64> {
+    let count = line.waypoints.len();
+    let runs_out = line.runs_out();
+    (0..count)
+        .map(|i| if i + 1 < count { LINE_TOLERANCE } else if runs_out { free } else { 0.0 })
+        .collect()
+}
+
+/// When the TCP is first `distance` (m) away from where it starts, or the end of the curve.
+fn leaves(arm: &Arm, curve: &Curve, distance: f64) -> f64 {
+    let start = arm.tcp_pose(&curve.first().q).translation.vector;
+    let away = |t: f64| (arm.tcp_pose(&curve.position_at(t)).translation.vector - start).norm();
+    let mut before = curve.start_time();
+    for point in curve.points() {
+        if away(point.t) >= distance {
+            let (mut low, mut high) = (before, point.t);
+            for _ in 0..30 {
+                let middle = (low + high) / 2.0;
+                if away(middle) >= distance { high = middle } else { low = middle }
+            }
+            return high;
+        }
+        before = point.t;
+    }
+    curve.end_time()
+}

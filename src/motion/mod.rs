@@ -1,0 +1,24 @@
+//! Motions of the arms within one synchronised step.
+//!
+//! Each arm has a roadmap of its own over its free configurations; a step is planned by a
+//! portfolio, cheapest first: every arm on its own path at once, the same with waits, paths that
+//! avoid where other arms rest, one arm after the other, and at last the search over the tensor
+//! product of the roadmaps (dRRT, Shome et al. 2019). Whatever comes out is timed, and the timed
+//! curves are certified.
+//!
+//! This room knows no objects' goals, no modes and no trees.
+
+mod arm_path;
+mod composite;
+mod legs;
+mod planner;
+mod roadmap;
+mod schedule;
+mod task;
+mod timed;
+
+pub use arm_path::{Avoid, find_path};
+pub use planner::StepPlanner;
+pub use roadmap::Roadmap;
+pub use task::{ArmGoal, ArmTask, Departure, StepTask};
+pub use timed::{ArmMotion, StepMotion, Window};

@@ -1,0 +1,289 @@
+//! The portfolio that plans one synchronised step.
+
+use rand::Rng as _;
+
+use crate::collision::{CollisionWorld, Exemption};
+use crate::kinematics::Config;
+use crate::problem::Problem;
+use crate::run::{Control, Rng, Seed};
+use crate::workcell::ArmId;
+
+use super::arm_path::{Avoid, find_path};
+use super::composite;
+use super::legs::{Legs, time_legs};
+use super::roadmap::Roadmap;
+use super::schedule::{Conflict, schedule};
+use super::task::{ArmGoal, StepTask};
+use super::timed::StepMotion;
+
+/// Vertices that a fresh roadmap gets.
+const FIRST_VERTICES: usize = 300;
+
+/// Vertices that a roadmap gains when it holds no path.
+const GROWTH: usize = 150;
+
+/// Rounds of repair before the composite search.
+const ROUNDS: usize = 10;
+
+/// Plans steps; owns the arms' roadmaps, which grow as it is used.
+#[derive(Debug)]
+pub struct StepPlanner<'a> {
+    problem: &'a Problem,
+    world: &'a CollisionWorld,
+    roadmaps: Vec<Roadmap>,
+    rng: Rng,
+}
+
+/// How an arm without an action behaves in one round.
+#[derive(Debug, Clone, PartialEq)]
+enum Idle {
+    /// As its task says.
+    Ahead,
+    /// Stays where its departure leaves it.
+    Stay,
+    /// Goes to a place of refuge.
+    Refuge(Config),
+}
+
+/// What one round tries.
+struct Round {
+    idle: Vec<Idle>,
+    /// For each arm the arms that its path avoids, at rest at their start (`false`) or end.
+    avoid: Vec<Vec<(usize, bool)>>,
+}
+
+impl<'a> StepPlanner<'a> {
+    /// A planner with a small roadmap for every arm.
+    pub fn new(problem: &'a Problem, world: &'a CollisionWorld, seed: Seed, control: &Control) -> Self {
+        let arms = &problem.workcell.arms;
+        let roadmaps = arms
+            .iter()
+            .enumerate()
+            .map(|(index, arm)| {
+                let mut roadmap = Roadmap::new(ArmId(index), arm);
+                let mut rng = seed.stream(&format!("roadmap/{}", arm.id));
+                roadmap.grow(world, arm, FIRST_VERTICES, control, &mut rng);
+                roadmap
+            })
+            .collect();
+        Self { problem, world, roadmaps, rng: seed.stream("motion") }
+    }
+
+    /// The roadmaps, by arm.
+    pub fn roadmaps(&self) -> &[Roadmap] {
+        &self.roadmaps
+    }
+
+    /// Adds vertices to every arm's roadmap, so that paths keep getting better.
+    pub fn grow(&mut self, count: usize, control: &Control) {
+        for (index, roadmap) in self.roadmaps.iter_mut().enumerate() {
+            roadmap.grow(self.world, &self.problem.workcell.arms[index], count, control, &mut self.rng);
+        }
+    }
+
+    /// Plans a step, from the cheapest means to the most thorough; `None` when none succeeds or
+    /// `control` stops it. With `thorough` the composite search may be used.
+    pub fn plan(&mut self, task: &StepTask, thorough: bool, control: &Control) -> Option<StepMotion> {
+        let count = task.arms.len();
+        if !self.ends_apart(task) {
+            return None;
+        }
+        let mut round = Round { idle: vec![Idle::Ahead; count], avoid: vec![Vec::new(); count] };
+        let mut disputes = std::collections::BTreeMap::<(usize, usize), usize>::new();
+        for _ in 0..ROUNDS {
+            if control.should_stop() {
+                return None;
+            }
+            let legs = match self.all_legs(task, &mut round, control) {
+                Ok(legs) => legs,
+                Err(_stuck) => break,
+            };
+            match schedule(self.world, task, &legs, control) {
+                Ok(motion) => return Some(motion),
+                Err(None) => return None,
+                Err(Some(conflict)) => {
+                    let dispute = disputes.entry((conflict.first, conflict.second)).or_default();
+                    *dispute += 1;
+                    let dispute = *dispute;
+                    self.settle(task, &mut round, conflict, dispute);
+                }
+            }
+        }
+        if thorough { composite::plan(self.problem, self.world, &mut self.roadmaps, task, control, &mut self.rng) } else { None }
+    }
+
+    /// Whether the arms that act are apart from each other at the end of the step.
+    fn ends_apart(&self, task: &StepTask) -> bool {
+        let ends: Vec<(usize, &Config, Exemption)> = task
+            .arms
+            .iter()
+            .enumerate()
+            .filter_map(|(i, arm)| match &arm.goal {
+                ArmGoal::Contact { q, exemption, .. } => Some((i, q, *exemption)),
+                _ => None,
+            })
+            .collect();
+        ends.iter().enumerate().all(|(n, (i, q, exempt))| {
+            ends[n + 1..].iter().all(|(j, p, other)| {
+                let (a, b) = (&task.arms[*i], &task.arms[*j]);
+                self.world.arms_apart(
+                    (ArmId(*i), q, a.held.as_ref(), *exempt),
+                    (ArmId(*j), p, b.held.as_ref(), *other),
+                )
+            })
+        })
+    }
+
+    /// Paths and timed legs of all arms under the round's terms; the arm that is stuck otherwise.
+    fn all_legs(&mut self, task: &StepTask, round: &mut Round, control: &Control) -> Result<Vec<Legs>, usize> {
+        let resting = self.world.resting_atoms(&task.scene);
+        let mut all = Vec::with_capacity(task.arms.len());
+        for index in 0..task.arms.len() {
+            let arm = &task.arms[index];
+            let from = arm
+                .departure
+                .as_ref()
+                .and_then(|departure| departure.line.waypoints.last())
+                .unwrap_or(&arm.start)
+                .clone();
+            let to = self.destination(task, round, index, &from);
+            let avoid: Vec<Avoid> = round.avoid[index]
+                .iter()
+                .filter_map(|&(other, at_end)| self.standing(task, round, other, at_end))
+                .collect();
+            let legs = self.legs(task, index, (&from, &to), &avoid, &resting, control);
+            let legs = match legs {
+                Some(legs) => legs,
+                None if arm.acts() => return Err(index),
+                // An arm without an action is not worth a failure.
+                None => {
+                    round.idle[index] = Idle::Stay;
+                    self.legs(task, index, (&from, &from), &avoid, &resting, control).ok_or(index)?
+                }
+            };
+            all.push(legs);
+        }
+        Ok(all)
+    }
+
+    fn legs(
+        &mut self,
+        task: &StepTask,
+        index: usize,
+        (from, to): (&Config, &Config),
+        avoid: &[Avoid],
+        resting: &crate::collision::Resting,
+        control: &Control,
+    ) -> Option<Legs> {
+        let arm = &task.arms[index];
+        let model = &self.problem.workcell.arms[index];
+        let id = ArmId(index);
+        let held = arm.held.as_ref();
+        let path = if from == to {
+            vec![from.clone()]
+        } else {
+            let mut ask = |roadmap: &mut Roadmap, avoid: &[Avoid], rng: &mut Rng| {
+                find_path(self.world, roadmap, id, (from, to), held, resting, avoid, control, rng)
+            };
+            let roadmap = &mut self.roadmaps[index];
+            let mut found = ask(roadmap, avoid, &mut self.rng);
+            if found.is_none() && arm.acts() && avoid.is_empty() && !control.should_stop() {
+                roadmap.grow(self.world, model, GROWTH, control, &mut self.rng);
+                found = ask(roadmap, avoid, &mut self.rng);
+            }
+            if found.is_none() && !avoid.is_empty() {
+                found = ask(roadmap, &[], &mut self.rng);
+            }
+            found?
+        };
+        time_legs(self.world, id, model, arm, &path, resting)
+    }
+
+    /// Where an arm's free path leads: the far end of its approach line, its contact, or the place
+    /// where an idle arm goes.
+    fn destination(&self, task: &StepTask, round: &Round, index: usize, from: &Config) -> Config {
+        match (&task.arms[index].goal, &round.idle[index]) {
+            (ArmGoal::Contact { approach: Some(line), q, .. }, _) => line.waypoints.last().unwrap_or(q).clone(),
+            (ArmGoal::Contact { q, .. }, _) => q.clone(),
+            (_, Idle::Refuge(q)) => q.clone(),
+            (ArmGoal::Toward(q), Idle::Ahead) => q.clone(),
+            _ => from.clone(),
+        }
+    }
+
+    /// Another arm at rest before or after its motion.
+    fn standing(&self, task: &StepTask, round: &Round, other: usize, at_end: bool) -> Option<Avoid> {
+        let arm = &task.arms[other];
+        let from = arm.departure.as_ref().and_then(|d| d.line.waypoints.last()).unwrap_or(&arm.start);
+        let q = match (&arm.goal, at_end) {
+            (_, false) => from.clone(),
+            (ArmGoal::Contact { q, .. }, true) => q.clone(),
+            (_, true) => self.destination(task, round, other, from),
+        };
+        Some(Avoid { arm: ArmId(other), q, held: arm.held })
+    }
+
+    /// Changes the round's terms so that two arms that met may pass each other.
+    fn settle(&mut self, task: &StepTask, round: &mut Round, conflict: Conflict, dispute: usize) {
+        let (a, b) = (conflict.first, conflict.second);
+        let idle = [a, b].into_iter().filter(|&i| !task.arms[i].acts()).collect::<Vec<_>>();
+        if let Some(&arm) = idle.first() {
+            // The arm without an action gives way.
+            let arm = if idle.len() == 2 && dispute % 2 == 0 { b } else { arm };
+            round.idle[arm] = match &round.idle[arm] {
+                Idle::Ahead if matches!(task.arms[arm].goal, ArmGoal::Toward(_)) => Idle::Stay,
+                _ => Idle::Refuge(self.refuge(task, arm)),
+            };
+            if dispute > 1 {
+                let other = if arm == a { b } else { a };
+                round.avoid[other] = vec![(arm, dispute % 2 == 0)];
+            }
+            return;
+        }
+        // One first, the other afterwards: who comes second avoids where the first will rest, and
+        // who comes first avoids where the second waits.
+        let (first, second) = if dispute % 2 == 1 { (a, b) } else { (b, a) };
+        let mut set = |arm: usize, other: usize, at_end: bool| {
+            round.avoid[arm].retain(|&(o, _)| o != other);
+            round.avoid[arm].push((other, at_end));
+        };
+        set(second, first, true);
+        set(first, second, false);
+    }
+
+    /// A configuration out of the way of all acting arms: home where that is, else a roadmap
+    /// vertex.
+    fn refuge(&mut self, task: &StepTask, index: usize) -> Config {
+        let home = self.problem.workcell.arms[index].home.clone();
+        let mut candidates = vec![home.clone()];
+        let vertices = self.roadmaps[index].vertices();
+        for _ in 0..24 {
+            if vertices.is_empty() {
+                break;
+            }
+            candidates.push(vertices[self.rng.random_range(0..vertices.len())].clone());
+        }
+        if self.rng.random_bool(0.5) {
+            candidates.rotate_left(1);
+        }
+        let held = task.arms[index].held.as_ref();
+        let none = Exemption::default();
+        let clear = |q: &Config| {
+            self.world.config_free(ArmId(index), q, held, &task.scene, none)
+                && task.arms.iter().enumerate().all(|(other, arm)| {
+                    let ends: Vec<&Config> = match &arm.goal {
+                        _ if other == index => Vec::new(),
+                        ArmGoal::Contact { q, .. } => vec![q, &arm.start],
+                        _ => Vec::new(),
+                    };
+                    ends.into_iter().all(|p| {
+                        self.world.arms_apart(
+                            (ArmId(index), q, held, none),
+                            (ArmId(other), p, arm.held.as_ref(), none),
+                        )
+                    })
+                })
+        };
+        candidates.into_iter().find(|q| clear(q)).unwrap_or(home)
+    }
+}

@@ -1,0 +1,205 @@
+//! When each arm starts, along fixed paths: best-first search over start delays.
+//!
+//! Like conflict-based search (Sharon et al. 2015), but the only thing that a constraint can do is
+//! to make an arm wait before it starts.
+
+use std::collections::BTreeMap;
+
+use crate::collision::CollisionWorld;
+use crate::run::Control;
+use crate::trajectory::{Curve, MIN_SPACING_S};
+use crate::workcell::ArmId;
+
+use super::legs::Legs;
+use super::task::{ArmGoal, StepTask};
+use super::timed::{ArmMotion, CurveMotion, StepMotion, Window};
+
+/// Delays (s) that an arm may be given, in order.
+const DELAYS: [f64; 12] = [0.0, 0.15, 0.3, 0.5, 0.75, 1.05, 1.4, 1.8, 2.4, 3.2, 4.4, 6.0];
+
+/// Nodes that are opened at most.
+const GREATEST_NODES: usize = 48;
+
+/// Two arms that cannot be kept apart by waiting.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct Conflict {
+    pub(super) first: usize,
+    pub(super) second: usize,
+}
+
+/// The times at which an arm starts, and goes on from its rest before the approach.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Timing {
+    start: f64,
+    resume: Option<f64>,
+    end: f64,
+}
+
+/// Finds delays under which all legs are certified apart.
+pub(super) fn schedule(
+    world: &CollisionWorld,
+    task: &StepTask,
+    legs: &[Legs],
+    control: &Control,
+) -> Result<StepMotion, Option<Conflict>> {
+    let mut search = Search { world, task, legs, known: BTreeMap::new() };
+    let root = vec![0_usize; legs.len()];
+    let mut open = vec![(search.duration(&root), root)];
+    let mut seen: std::collections::BTreeSet<Vec<usize>> = open.iter().map(|(_, d)| d.clone()).collect();
+    let mut worst = None;
+    for _ in 0..GREATEST_NODES {
+        if control.should_stop() {
+            return Err(None);
+        }
+        let Some(best) = (0..open.len()).min_by(|&a, &b| {
+            let key = |i: usize| (open[i].0, open[i].1.iter().sum::<usize>());
+            let (ka, kb) = (key(a), key(b));
+            ka.0.total_cmp(&kb.0).then(ka.1.cmp(&kb.1)).then(a.cmp(&b))
+        }) else {
+            break;
+        };
+        let (_, delays) = open.swap_remove(best);
+        let motion = search.compose(&delays);
+        match search.first_conflict(&motion, &delays) {
+            None => return Ok(motion),
+            Some(conflict) => {
+                worst = worst.or(Some(conflict));
+                for arm in [conflict.first, conflict.second] {
+                    let mut next = delays.clone();
+                    next[arm] += 1;
+                    if next[arm] < DELAYS.len() && seen.insert(next.clone()) {
+                        open.push((search.duration(&next), next));
+                    }
+                }
+            }
+        }
+    }
+    Err(worst)
+}
+
+/// Certifies a composed step: the first pair of arms that is not kept apart.
+pub(super) fn find_conflict(world: &CollisionWorld, motion: &StepMotion) -> Option<Conflict> {
+    let count = motion.arms.len();
+    (0..count)
+        .flat_map(|first| (first + 1..count).map(move |second| Conflict { first, second }))
+        .find(|pair| !pair_apart(world, motion, *pair))
+}
+
+fn pair_apart(world: &CollisionWorld, motion: &StepMotion, pair: Conflict) -> bool {
+    let (a, b) = (&motion.arms[pair.first], &motion.arms[pair.second]);
+    a.pieces(0.0, motion.duration).into_iter().all(|(from, to, first)| {
+        b.pieces(from, to).into_iter().all(|(from, to, second)| {
+            let span = (from, to);
+            world.motions_apart(
+                (ArmId(pair.first), &CurveMotion { curve: &a.curve, span }, a.held.as_ref(), first),
+                (ArmId(pair.second), &CurveMotion { curve: &b.curve, span }, b.held.as_ref(), second),
+                span,
+            )
+        })
+    })
+}
+
+struct Search<'a> {
+    world: &'a CollisionWorld,
+    task: &'a StepTask,
+    legs: &'a [Legs],
+    /// Pairs already looked at, by their timings to the bit.
+    known: BTreeMap<(usize, usize, [u64; 7]), bool>,
+}
+
+impl Search<'_> {
+    fn timings(&self, delays: &[usize]) -> Vec<Timing> {
+        let arms = &self.task.arms;
+        let mut start: Vec<f64> = delays.iter().zip(arms).map(|(&d, arm)| DELAYS[d].max(arm.dwell)).collect();
+        for (i, arm) in arms.iter().enumerate() {
+            if let Some(giver) = arm.wait_for {
+                start[i] = start[i].max(start[giver.0] + self.legs[giver.0].through.departed);
+            }
+        }
+        let arrives = |i: usize| start[i] + self.legs[i].through.curve.end_time();
+        (0..arms.len())
+            .map(|i| {
+                let legs = &self.legs[i];
+                let through = Timing { start: start[i], resume: None, end: arrives(i) };
+                let ArmGoal::Contact { after: Some(giver), .. } = &arms[i].goal else { return through };
+                let gate = arrives(giver.0);
+                match (&legs.split, legs.through.approaching) {
+                    (Some((before, after)), approaching)
+                        if approaching.is_none_or(|begins| start[i] + begins < gate) =>
+                    {
+                        let resume = gate.max(start[i] + before.curve.end_time() + MIN_SPACING_S);
+                        Timing { start: start[i], resume: Some(resume), end: resume + after.curve.end_time() }
+                    }
+                    _ => through,
+                }
+            })
+            .collect()
+    }
+
+    fn duration(&self, delays: &[usize]) -> f64 {
+        self.timings(delays).iter().map(|timing| timing.end).fold(0.0, f64::max)
+    }
+
+    fn compose(&self, delays: &[usize]) -> StepMotion {
+        let timings = self.timings(delays);
+        let last = timings.iter().map(|t| t.end).fold(MIN_SPACING_S, f64::max);
+        // Nobody may have to wait for less than the least spacing of breakpoints.
+        let crowded = timings.iter().any(|t| t.end < last && last - t.end < MIN_SPACING_S);
+        let duration = if crowded { last + 2.0 * MIN_SPACING_S } else { last };
+        let arms = timings
+            .iter()
+            .zip(self.legs)
+            .zip(&self.task.arms)
+            .map(|((timing, legs), task)| compose_arm(timing, legs, duration, task.held))
+            .collect();
+        StepMotion { arms, duration }
+    }
+
+    fn first_conflict(&mut self, motion: &StepMotion, delays: &[usize]) -> Option<Conflict> {
+        let timings = self.timings(delays);
+        let count = motion.arms.len();
+        let (world, known) = (self.world, &mut self.known);
+        (0..count).flat_map(|first| (first + 1..count).map(move |second| Conflict { first, second })).find(|pair| {
+            let bits = |timing: &Timing| {
+                [timing.start, timing.resume.unwrap_or(-1.0), timing.end].map(f64::to_bits)
+            };
+            let ([a0, a1, a2], [b0, b1, b2]) = (bits(&timings[pair.first]), bits(&timings[pair.second]));
+            let key = (pair.first, pair.second, [a0, a1, a2, b0, b1, b2, motion.duration.to_bits()]);
+            !*known.entry(key).or_insert_with(|| pair_apart(world, motion, *pair))
+        })
+    }
+}
+
+/// An arm's curve from 0 to `duration`: wait, leg, wait, leg, wait.
+fn compose_arm(timing: &Timing, legs: &Legs, duration: f64, held: Option<crate::collision::Held>) -> ArmMotion {
+    let (first, second) = match (&legs.split, timing.resume) {
+        (Some((before, after)), Some(resume)) => (before, Some((after, resume))),
+        _ => (&legs.through, None),
+    };
+    let approaches = second.map_or(first, |(after, _)| after).approaching.is_some();
+    let mut curve = Curve::rest(&first.curve.first().q, 0.0);
+    curve.wait_until(timing.start);
+    let mut windows = Vec::new();
+    let mut push = |curve: &mut Curve, leg: &super::legs::Leg| {
+        let shift = curve.end_time();
+        windows.extend(leg.windows.iter().map(|w| Window { from: w.from + shift, to: w.to + shift, ..*w }));
+        // The pieces meet by construction.
+        let _ = curve.append(&leg.curve);
+    };
+    push(&mut curve, first);
+    if let Some((after, resume)) = second {
+        curve.wait_until(resume);
+        push(&mut curve, after);
+    }
+    curve.wait_until(duration);
+    // An arm that waits at its contact is still, or already, where its line ends.
+    for window in &mut windows {
+        if window.from <= timing.start + MIN_SPACING_S && first.departed > 0.0 {
+            window.from = 0.0;
+        }
+        if window.to + MIN_SPACING_S >= timing.end && approaches {
+            window.to = duration;
+        }
+    }
+    ArmMotion { curve, windows, held }
+}

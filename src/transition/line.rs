@@ -1,0 +1,88 @@
+//! Straight lines of the TCP, as joint waypoints.
+
+use crate::geometry::{Pose, Vec3};
+use crate::kinematics::Config;
+use crate::workcell::Arm;
+
+/// How far (m) a line runs on beyond the required distance where the arm can, so that the corner
+/// at its end may be rounded without leaving the line too early.
+pub const LINE_RUNOUT: f64 = 0.02;
+
+/// Cartesian distance (m) between waypoints of a line.
+const SPACING: f64 = 0.02;
+
+/// Greatest deviation (m) of the TCP from the line between two waypoints.
+const GREATEST_SAG: f64 = 0.001;
+
+/// Greatest deviation (rad) of the TCP's orientation between two waypoints.
+const GREATEST_TURN: f64 = 0.01;
+
+/// Greatest change (rad or m) of one joint between two waypoints.
+const GREATEST_JOINT_STEP: f64 = 0.35;
+
+/// A straight line of the TCP without turning, as joint waypoints that start at a contact.
+#[derive(Debug, Clone)]
+pub struct Line {
+    /// Waypoints from the contact outwards; the first is the contact configuration.
+    pub waypoints: Vec<Config>,
+    /// The required distance (m): the line is followed at least this far.
+    pub distance: f64,
+    runs_out: bool,
+}
+
+impl Line {
+    /// The line from the contact `q` along the unit vector `direction` (world) over `distance`
+    /// (m), with the run-out where it can be had; `None` when the arm cannot follow it.
+    pub fn follow(arm: &Arm, q: &[f64], direction: &Vec3, distance: f64) -> Option<Self> {
+        let start = arm.tcp_pose(q);
+        let mut waypoints = vec![Config::from_slice(q)];
+        let pieces = (distance / SPACING).ceil().max(1.0) as usize;
+        for piece in 1..=pieces {
+            let along = distance * piece as f64 / pieces as f64;
+            let previous = waypoints.last()?;
+            let next = step(arm, &start, direction, along, previous)?;
+            if !is_straight(arm, &start, direction, previous, &next) {
+                return None;
+            }
+            waypoints.push(next);
+        }
+        let last = waypoints.last()?.clone();
+        let mut runs_out = false;
+        if let Some(beyond) = step(arm, &start, direction, distance + LINE_RUNOUT, &last)
+            && is_straight(arm, &start, direction, &last, &beyond)
+        {
+            waypoints.push(beyond);
+            runs_out = true;
+        }
+        Some(Self { waypoints, distance, runs_out })
+    }
+
+    /// Whether the last waypoint lies beyond the required distance.
+    pub fn runs_out(&self) -> bool {
+        self.runs_out
+    }
+
+    /// The waypoints from the far end to the contact.
+    pub fn inwards(&self) -> Vec<Config> {
+        self.waypoints.iter().rev().cloned().collect()
+    }
+}
+
+/// The configuration that holds the TCP at `start` moved by `along` (m), continuing from `seed`.
+fn step(arm: &Arm, start: &Pose, direction: &Vec3, along: f64, seed: &[f64]) -> Option<Config> {
+    let mut tcp = *start;
+    tcp.translation.vector += direction * along;
+    let mount = arm.base.inverse() * tcp * arm.tool.tcp.inverse();
+    arm.model.inverse_near(&arm.limits, &mount, seed, GREATEST_JOINT_STEP)
+}
+
+/// Whether the joint segment keeps the TCP on the line.
+fn is_straight(arm: &Arm, start: &Pose, direction: &Vec3, from: &[f64], to: &[f64]) -> bool {
+    [0.25, 0.5, 0.75].iter().all(|&s| {
+        let q: Config = from.iter().zip(to).map(|(a, b)| a + (b - a) * s).collect();
+        let tcp = arm.tcp_pose(&q);
+        let offset = tcp.translation.vector - start.translation.vector;
+        let aside = offset - direction * offset.dot(direction);
+        aside.norm() < GREATEST_SAG && tcp.rotation.angle_to(&start.rotation) < GREATEST_TURN
+    })
+}

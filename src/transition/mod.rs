@@ -1,0 +1,14 @@
+//! Grounded picks, places and handoffs: a grasp, a contact configuration, and the straight lines
+//! before and after it (paper, section "Transition Sampler").
+//!
+//! A grounding is free of the static workcell, of the arm itself and of the object that it
+//! handles; other objects and other arms are the motion's business, since they differ from step
+//! to step.
+
+mod contact;
+mod handoff;
+mod line;
+
+pub use contact::{Contact, ContactKind, ContactQuery, Contacts};
+pub use handoff::{HandoffContact, HandoffQuery, sample_handoffs, travel_time};
+pub use line::{LINE_RUNOUT, Line};
