@@ -4,6 +4,7 @@
 use smallvec::SmallVec;
 
 use crate::geometry::{Pose, Vec3};
+use crate::kinematics::{Lever, LinkMotion};
 use crate::workcell::Arm;
 
 use super::atom::{Atom, PlacedAtom};
@@ -20,7 +21,6 @@ pub(super) struct ArmAtom {
     pub(super) link: usize,
     pub(super) group: usize,
     pub(super) is_hand: bool,
-    pub(super) is_tool: bool,
     pub(super) levers: Levers,
 }
 
@@ -31,7 +31,7 @@ pub struct ArmBodies {
     /// Pairs of atoms that are checked against each other.
     pub(super) self_pairs: Vec<(usize, usize)>,
     /// Lever arms of a point at the mount link's origin.
-    mount_levers: Levers,
+    mount_levers: SmallVec<[Option<Lever>; 8]>,
     /// Origin of the first joint in the world and the radius (m) of the ball around it that the
     /// moving atoms never leave.
     pub(super) reach_centre: Vec3,
@@ -48,12 +48,11 @@ impl ArmBodies {
         for (index, link) in model.links.iter().enumerate() {
             let is_mount = index == model.mount;
             let tool = if is_mount { arm.tool.shapes.as_slice() } else { &[] };
-            let shapes = link.shapes.iter().map(|s| (s, false)).chain(tool.iter().map(|s| (s, true)));
-            for (placed, is_tool) in shapes {
+            for placed in link.shapes.iter().chain(tool) {
                 let atom = Atom::new(placed);
                 let levers = levers(arm, index, atom.reach());
                 let is_hand = arm.hand_groups.contains(&link.group);
-                atoms.push(ArmAtom { atom, link: index, group: link.group, is_hand, is_tool, levers });
+                atoms.push(ArmAtom { atom, link: index, group: link.group, is_hand, levers });
             }
         }
         let mut self_pairs = Vec::new();
@@ -64,32 +63,23 @@ impl ArmBodies {
                 }
             }
         }
-        let (first, mount_reach) = match model.joints.first() {
-            Some(joint) => (joint.link, model.origin_distance(0, model.mount).unwrap_or(0.0)),
-            None => (0, 0.0),
-        };
-        let home = vec![0.0; model.dof()];
         let mut poses = Vec::new();
-        model.link_poses(&home, &mut poses);
+        model.link_poses(&vec![0.0; model.dof()], &mut poses);
+        let first = model.joints.first().map_or(0, |joint| joint.link);
         let reach_centre = (arm.base * poses[first]).translation.vector;
-        let slide = model.joints.first().map_or(0.0, |joint| slide_extent(arm, 0, joint.link));
-        let reach_radius = atoms
-            .iter()
-            .map(|atom| match model.joints.first().and_then(|_| model.origin_distance(0, atom.link)) {
-                Some(distance) => distance + slide + atom.atom.reach(),
-                None => {
-                    let body = arm.base * poses[atom.link];
-                    (body.translation.vector - reach_centre).norm() + atom.atom.reach()
-                }
-            })
-            .fold(0.0, f64::max);
+        let reach_of = |link: usize, radius: f64| match model.lever(&arm.limits, 0, link) {
+            Some(_) => model.origin_distance(0, link).unwrap_or(f64::INFINITY) + slide_extent(arm) + radius,
+            None => ((arm.base * poses[link]).translation.vector - reach_centre).norm() + radius,
+        };
+        let reach_radius = atoms.iter().map(|atom| reach_of(atom.link, atom.atom.reach())).fold(0.0, f64::max);
+        let mount_reach = reach_of(model.mount, 0.0);
         Self {
             atoms,
             self_pairs,
-            mount_levers: levers(arm, model.mount, 0.0),
+            mount_levers: link_levers(arm, model.mount),
             reach_centre,
             reach_radius,
-            mount_reach: mount_reach + slide,
+            mount_reach,
         }
     }
 
@@ -103,7 +93,7 @@ impl ArmBodies {
 
     /// Lever arms of a body on the mount link within `radius` of its origin.
     pub(super) fn held_levers(&self, radius: f64) -> Levers {
-        self.mount_levers.iter().map(|lever| lever.map(|l| l + radius)).collect()
+        self.mount_levers.iter().map(|lever| lever.as_ref().map(|lever| lever.at(radius))).collect()
     }
 
     /// The reach radius with a held body within `radius` of the mount's origin.
@@ -112,28 +102,21 @@ impl ArmBodies {
     }
 }
 
-/// How far a first prismatic joint can carry everything from its zero position.
-fn slide_extent(arm: &Arm, joint: usize, link: usize) -> f64 {
-    match arm.model.links[link].motion {
-        crate::kinematics::LinkMotion::Prismatic { .. } => {
-            let limits = arm.limits[joint];
-            limits.lower.abs().max(limits.upper.abs())
-        }
+/// How far a first prismatic joint can carry everything from its zero position (m).
+fn slide_extent(arm: &Arm) -> f64 {
+    let slides = |link: usize| matches!(arm.model.links[link].motion, LinkMotion::Prismatic { .. });
+    match (arm.model.joints.first(), arm.limits.first()) {
+        (Some(joint), Some(limits)) if slides(joint.link) => limits.lower.abs().max(limits.upper.abs()),
         _ => 0.0,
     }
 }
 
+/// By joint, how far it moves points of `link`.
+fn link_levers(arm: &Arm, link: usize) -> SmallVec<[Option<Lever>; 8]> {
+    (0..arm.model.dof()).map(|joint| arm.model.lever(&arm.limits, joint, link)).collect()
+}
+
 /// Lever arms of a body within `radius` of `link`'s origin.
 fn levers(arm: &Arm, link: usize, radius: f64) -> Levers {
-    let model = &arm.model;
-    (0..model.dof())
-        .map(|joint| {
-            let distance = model.origin_distance(joint, link)?;
-            let slides = matches!(
-                model.links[model.joints[joint].link].motion,
-                crate::kinematics::LinkMotion::Prismatic { .. }
-            );
-            Some(if slides { 1.0 } else { distance + radius })
-        })
-        .collect()
+    link_levers(arm, link).iter().map(|lever| lever.as_ref().map(|lever| lever.at(radius))).collect()
 }

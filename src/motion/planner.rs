@@ -182,7 +182,7 @@ impl<'a> StepPlanner<'a> {
         let path = if from == to {
             vec![from.clone()]
         } else {
-            let mut ask = |roadmap: &mut Roadmap, avoid: &[Avoid], rng: &mut Rng| {
+            let ask = |roadmap: &mut Roadmap, avoid: &[Avoid], rng: &mut Rng| {
                 find_path(self.world, roadmap, id, (from, to), held, resting, avoid, control, rng)
             };
             let roadmap = &mut self.roadmaps[index];

@@ -1,0 +1,25 @@
+//! The SMART tree: Algorithm 1 of the paper, anytime.
+//!
+//! A vertex is (Q, tau): a composite configuration and the identifier of the sequence of actions
+//! that led there. The names follow the paper: `select_mode` picks a tau, the guidance is asked
+//! once for each, `sample_trans` grounds its next actions, `extend` plans the motion to them,
+//! `modal_check` opens a new tau, `retrace` reads a plan off the tree.
+//!
+//! Probabilistic completeness rests on: [`Settings::goal_bias`] below 1 (every tau keeps a chance
+//! of being selected), [`Settings::wander`] above 0 (actions other than the guided ones are
+//! tried), transitions that keep being sampled ([`Settings::fresh_transitions`] above 0) and
+//! roadmaps that keep growing ([`Settings::growth`] above 0, with the PRM* degree). Asymptotic
+//! optimality in arc length rests on the same, and on pruning by the incumbent's cost alone.
+
+mod candidate;
+mod chain;
+mod ground;
+mod map;
+mod settings;
+mod smart;
+mod tree;
+
+pub use candidate::Candidate;
+pub use map::Map;
+pub use settings::Settings;
+pub use smart::{Report, Search};

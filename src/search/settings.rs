@@ -1,0 +1,47 @@
+//! Settings of the tree search.
+
+/// Settings of the tree search; all defaults are here.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Settings {
+    /// Chance of selecting the tau that has made the most progress; below 1.
+    pub goal_bias: f64,
+    /// Chance of asking the guidance under a random passing cut, so that other sequences of
+    /// actions are tried; only once there is an incumbent, or after failures. Above 0.
+    pub wander: f64,
+    /// Chance of sampling new transitions although some are known. Above 0.
+    pub fresh_transitions: f64,
+    /// Vertices that each roadmap gains on each growth; above 0.
+    pub growth: usize,
+    /// A growth happens once in so many iterations.
+    pub growth_period: u64,
+    /// Groundings tried for one expansion.
+    pub groundings: usize,
+    /// Random object poses tried for one handoff.
+    pub handoff_tries: usize,
+    /// Failed expansions after which a tau's immediate actions are cut for a while.
+    pub patience: u32,
+    /// Iterations for which such a cut lasts.
+    pub cut_lifetime: u64,
+    /// Failed expansions after which a tau is set aside for good by the biased selection.
+    pub surrender: u32,
+    /// Vertices of the tree; beyond, those that lie on no way to the incumbent are dropped.
+    pub greatest_tree: usize,
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Self {
+            goal_bias: 0.85,
+            wander: 0.1,
+            fresh_transitions: 0.15,
+            growth: 20,
+            growth_period: 50,
+            groundings: 6,
+            handoff_tries: 250,
+            patience: 3,
+            cut_lifetime: 60,
+            surrender: 12,
+            greatest_tree: 4000,
+        }
+    }
+}

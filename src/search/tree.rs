@@ -1,0 +1,73 @@
+//! The tree's vertices: where everything is after a sequence of actions.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+use crate::geometry::Pose;
+use crate::guidance::{Guide, ModeState};
+use crate::kinematics::Config;
+use crate::motion::{Departure, StepMotion};
+use crate::plan::ActionKind;
+use crate::workcell::{ArmId, ObjectId, SurfaceId};
+
+use super::chain::Chain;
+
+/// Where an object is.
+#[derive(Debug, Clone)]
+pub(super) enum Whereabouts {
+    Resting { pose: Pose, surface: SurfaceId },
+    Held { arm: ArmId, object_in_tcp: Pose },
+}
+
+/// An arm between two steps.
+#[derive(Debug, Clone)]
+pub(super) struct ArmState {
+    pub(super) q: Config,
+    /// The line on which it must leave.
+    pub(super) departure: Option<Departure>,
+    /// The giver that must have left first.
+    pub(super) wait_for: Option<ArmId>,
+    /// How long it must rest first (s).
+    pub(super) dwell: f64,
+}
+
+/// A step that was carried out.
+#[derive(Debug)]
+pub(super) struct Step {
+    pub(super) actions: Vec<(ObjectId, ActionKind)>,
+    pub(super) motion: StepMotion,
+}
+
+/// A vertex with its tau.
+#[derive(Debug)]
+pub(super) struct Vertex {
+    pub(super) parent: Option<usize>,
+    /// The step from the parent.
+    pub(super) step: Option<Arc<Step>>,
+    /// The mode state: every object's node on the mode graph.
+    pub(super) mode: ModeState,
+    pub(super) objects: Vec<Whereabouts>,
+    pub(super) arms: Vec<ArmState>,
+    /// Seconds from the start.
+    pub(super) elapsed: f64,
+    /// Joint path length so far, by arm.
+    pub(super) arc: Vec<f64>,
+    /// Steps from the start.
+    pub(super) depth: usize,
+    /// Guidance for this tau, once asked.
+    pub(super) guide: Option<Guide>,
+    /// What was planned for objects on their way, by object.
+    pub(super) chains: BTreeMap<usize, Chain>,
+    /// How often it was expanded, and in vain.
+    pub(super) expansions: u32,
+    pub(super) failures: u32,
+    /// Whether all goals are met here.
+    pub(super) is_goal: bool,
+}
+
+impl Vertex {
+    /// Steps that the guidance says remain.
+    pub(super) fn remaining(&self) -> Option<usize> {
+        self.guide.as_ref().and_then(|guide| guide.remaining_steps)
+    }
+}
