@@ -67,6 +67,6 @@ impl Candidate {
 
     /// The arms' trajectories as a plan holds them: one clock, the same last instant for all.
     pub fn trajectories(&self) -> Vec<ArmTrajectory> {
-        self.curves.iter().map(Curve::to_trajectory).collect()
+        self.curves.iter().map(ArmTrajectory::from).collect()
     }
 }

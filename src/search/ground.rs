@@ -62,6 +62,7 @@ impl<'a> Grounder<'a> {
         problem: &'a Problem,
         world: &'a CollisionWorld,
         map: &'a Map,
+        contacts: Contacts<'a>,
         settings: &Settings,
         seed: Seed,
     ) -> Self {
@@ -69,7 +70,7 @@ impl<'a> Grounder<'a> {
             problem,
             world,
             map,
-            contacts: Contacts::new(problem, world, seed.stream("contacts")),
+            contacts,
             rng: seed.stream("grounding"),
             handoff_tries: settings.handoff_tries,
             fresh: settings.fresh_transitions,

@@ -1,7 +1,7 @@
 //! The mode graph with its compiled network, as the search reads it.
 
 use crate::geometry::Pose;
-use crate::guidance::{InstanceError, Network, NodeId};
+use crate::guidance::{Instance, InstanceError, Network, NodeId};
 use crate::mode_graph::{ModeGraph, Place};
 use crate::problem::Problem;
 use crate::workcell::{ArmId, ObjectId, SurfaceId};
@@ -19,7 +19,7 @@ impl Map {
     /// # Errors
     /// When the graph makes no sense as an instance of guidance.
     pub fn new(graph: ModeGraph) -> Result<Self, InstanceError> {
-        let network = Network::new(graph.instance())?;
+        let network = Network::new(Instance::from(&graph))?;
         Ok(Self { graph, network })
     }
 

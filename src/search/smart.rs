@@ -13,6 +13,7 @@ use crate::guidance::{
 use crate::motion::{ArmGoal, ArmTask, StepMotion, StepPlanner, StepTask};
 use crate::problem::{GuidanceKind, InitialPlacement, Objective, Problem};
 use crate::run::{Control, Rng, Seed};
+use crate::transition::Contacts;
 use crate::workcell::ArmId;
 
 use super::candidate::Candidate;
@@ -36,7 +37,6 @@ pub enum Report {
 #[derive(Debug)]
 pub struct Search<'a> {
     problem: &'a Problem,
-    world: &'a CollisionWorld,
     map: &'a Map,
     settings: Settings,
     planner: StepPlanner<'a>,
@@ -56,11 +56,13 @@ pub struct Search<'a> {
 }
 
 impl<'a> Search<'a> {
-    /// A search whose tree holds the start only.
+    /// A search whose tree holds the start only; `contacts` may know some transitions already.
+    #[allow(clippy::too_many_arguments)]
     pub fn new(
         problem: &'a Problem,
         world: &'a CollisionWorld,
         map: &'a Map,
+        contacts: Contacts<'a>,
         settings: Settings,
         seed: Seed,
         control: &Control,
@@ -73,10 +75,9 @@ impl<'a> Search<'a> {
         let root = root(problem, map);
         let mut search = Self {
             problem,
-            world,
             map,
             planner: StepPlanner::new(problem, world, seed, control),
-            grounder: Grounder::new(problem, world, map, &settings, seed),
+            grounder: Grounder::new(problem, world, map, contacts, &settings, seed),
             settings,
             guidance,
             memo: Memo::new(),

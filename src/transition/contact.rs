@@ -53,7 +53,7 @@ pub struct Contact {
 type Key = (ContactKind, usize, usize, [u64; 7], [u64; 7]);
 
 /// Samples contacts, and remembers them.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub struct Contacts<'a> {
     problem: &'a Problem,
     world: &'a CollisionWorld,
@@ -65,6 +65,12 @@ impl<'a> Contacts<'a> {
     /// A sampler that draws from `rng`.
     pub fn new(problem: &'a Problem, world: &'a CollisionWorld, rng: Rng) -> Self {
         Self { problem, world, rng, known: BTreeMap::new() }
+    }
+
+    /// The same knowledge, drawing from another stream from now on.
+    pub fn with_rng(mut self, rng: Rng) -> Self {
+        self.rng = rng;
+        self
     }
 
     /// Contacts that hold the object at `object_in_tcp`: at most the problem's `ik_solutions`,

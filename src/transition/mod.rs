@@ -8,7 +8,9 @@
 mod contact;
 mod handoff;
 mod line;
+mod reach;
 
 pub use contact::{Contact, ContactKind, ContactQuery, Contacts};
 pub use handoff::{HandoffContact, HandoffQuery, sample_handoffs, travel_time};
 pub use line::{LINE_RUNOUT, Line};
+pub use reach::SampledReach;

@@ -1,0 +1,279 @@
+//! From a problem to judged incumbents.
+
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+
+use crate::collision::CollisionWorld;
+use crate::guidance::{Answer, Certificate, Cuts, Effort, Instance, Network, Proof, solve};
+use crate::plan::{Metrics, Plan, StepsProof};
+use crate::problem::{Objective, Problem};
+use crate::run::{CancelToken, Control, Seed};
+use crate::search::{Candidate, Map, Report, Search, Settings};
+use crate::transition::{Contacts, SampledReach};
+use crate::verify::verify;
+
+use super::event::{Outcome, PlannerEvent, Termination};
+
+/// Least time (s) between two signs of life.
+const PROGRESS_PERIOD_S: f64 = 0.25;
+
+/// Plans for `problem` until it is solved as asked or `control` says stop, reporting to `observe`.
+///
+/// Every incumbent is strictly better than the one before and has passed [`crate::verify`].
+/// With `options.threads` above 1, `observe` is called from several threads, one at a time.
+pub fn plan(problem: &Problem, control: &Control, observe: &mut (dyn FnMut(PlannerEvent<'_>) + Send)) -> Outcome {
+    let seed = Seed(problem.options.seed);
+    let progress = |observe: &mut (dyn FnMut(PlannerEvent<'_>) + Send), phase| {
+        let elapsed_s = control.deadline.elapsed_s();
+        observe(PlannerEvent::Progress { elapsed_s, phase, iterations: 0, steps_lower_bound: None });
+    };
+    progress(observe, "workcell");
+    let world = CollisionWorld::new(problem);
+    progress(observe, "mode_graph");
+    let mut reach = SampledReach::new(problem, &world, seed);
+    let graph = super::rough::rough(problem, &mut reach);
+    let bound = Bound { steps: 0, infeasible: false };
+    let contacts = reach.into_contacts();
+    let map = match Map::new(graph) {
+        Ok(map) => map,
+        Err(error) => return failed(Termination::NoSolutionFound, format!("the mode graph makes no sense: {error}")),
+    };
+    let run = Run {
+        problem,
+        world: &world,
+        map: &map,
+        control,
+        bound: bound.steps,
+        stop: CancelToken::new(),
+        iterations: AtomicU64::new(0),
+        proved: AtomicBool::new(false),
+        board: Mutex::new(Board {
+            observe,
+            best: None,
+            cost: None,
+            termination: None,
+            cause: None,
+            last_progress: f64::NEG_INFINITY,
+            last_improvement: 0.0,
+            rejected: 0,
+        }),
+    };
+    run.search_with(problem.options.threads.max(1), contacts, seed);
+    run.outcome()
+}
+
+/// A run that ends before the search begins.
+fn failed(termination: Termination, diagnosis: String) -> Outcome {
+    Outcome { termination, best: None, diagnosis: Some(diagnosis) }
+}
+
+/// What the optimistic graph proves.
+struct Bound {
+    steps: usize,
+    infeasible: bool,
+}
+
+/// What the threads share.
+struct Run<'a, 'o> {
+    problem: &'a Problem,
+    world: &'a CollisionWorld,
+    map: &'a Map,
+    control: &'a Control,
+    bound: usize,
+    /// Raised when one thread has met a stop condition.
+    stop: CancelToken,
+    iterations: AtomicU64,
+    proved: AtomicBool,
+    board: Mutex<Board<'o>>,
+}
+
+/// The incumbent and the way to tell of it.
+struct Board<'o> {
+    observe: &'o mut (dyn FnMut(PlannerEvent<'_>) + Send),
+    best: Option<Plan>,
+    cost: Option<[f64; 2]>,
+    termination: Option<Termination>,
+    cause: Option<String>,
+    last_progress: f64,
+    last_improvement: f64,
+    rejected: u64,
+}
+
+impl<'a> Run<'a, '_> {
+    fn search_with(&self, threads: usize, contacts: Contacts<'a>, seed: Seed) {
+        if threads == 1 {
+            self.search(contacts, seed, seed);
+            return;
+        }
+        std::thread::scope(|scope| {
+            for index in 0..threads {
+                let own = seed.part(index as u64);
+                let contacts = contacts.clone().with_rng(own.stream("contacts"));
+                scope.spawn(move || self.search(contacts, own, seed));
+            }
+        });
+    }
+
+    /// One thread's search until a stop condition is met.
+    fn search(&self, contacts: Contacts<'a>, seed: Seed, guidance_seed: Seed) {
+        let _ = guidance_seed;
+        let mut search =
+            Search::new(self.problem, self.world, self.map, contacts, Settings::default(), seed, self.control);
+        while !self.should_stop() {
+            if let Some(cost) = self.lock(|board| board.cost) {
+                search.set_incumbent(cost);
+            }
+            match search.iterate(self.control) {
+                Report::Candidate(candidate) => {
+                    let certificate = search.certificate().cloned();
+                    if let Some(cost) = self.judge(&candidate, certificate.as_ref()) {
+                        search.set_incumbent(cost);
+                    }
+                }
+                Report::Solved => {
+                    self.nothing_to_do();
+                    return;
+                }
+                Report::Nothing => {}
+            }
+            self.after_iteration(&search);
+        }
+        self.lock(|board| board.cause = board.cause.take().or_else(|| search.cause().map(str::to_owned)));
+    }
+
+    fn lock<T>(&self, act: impl FnOnce(&mut Board<'_>) -> T) -> T {
+        let mut board = self.board.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+        act(&mut board)
+    }
+
+    fn should_stop(&self) -> bool {
+        let spent = self.problem.options.max_iterations;
+        self.control.should_stop()
+            || self.stop.is_cancelled()
+            || spent.is_some_and(|most| self.iterations.load(Ordering::Relaxed) >= most)
+    }
+
+    fn end(&self, board: &mut Board<'_>, termination: Termination) {
+        board.termination.get_or_insert(termination);
+        self.stop.cancel();
+    }
+
+    fn after_iteration(&self, search: &Search<'_>) {
+        let iterations = self.iterations.fetch_add(1, Ordering::Relaxed) + 1;
+        let elapsed_s = self.control.deadline.elapsed_s();
+        self.lock(|board| {
+            if elapsed_s - board.last_progress >= PROGRESS_PERIOD_S {
+                board.last_progress = elapsed_s;
+                let phase = if board.best.is_some() { "improve" } else { "search" };
+                let steps_lower_bound = Some(self.bound);
+                (board.observe)(PlannerEvent::Progress { elapsed_s, phase, iterations, steps_lower_bound });
+            }
+            let patience = self.problem.options.stop.no_improvement_s;
+            if board.best.is_some() && patience.is_some_and(|s| elapsed_s - board.last_improvement >= s) {
+                self.end(board, Termination::NoImprovement);
+            }
+            if let Some(cause) = search.cause() {
+                board.cause = Some(cause.to_owned());
+            }
+        });
+    }
+
+    /// Builds the plan, has it judged, and publishes it if it is better than what is known; its
+    /// cost when it was accepted.
+    fn judge(&self, candidate: &Candidate, certificate: Option<&Certificate>) -> Option<[f64; 2]> {
+        let options = &self.problem.options;
+        let cost = candidate.cost(options.objective);
+        if self.lock(|board| board.cost).is_some_and(|best| cost >= best) {
+            return None;
+        }
+        let mut plan = self.assemble(candidate, certificate);
+        let verdict = verify(self.problem, &plan);
+        if !verdict.valid {
+            self.lock(|board| {
+                board.rejected += 1;
+                let why = verdict.first.as_ref().map_or_else(String::new, |v| v.message.clone());
+                tracing::warn!(rejected = board.rejected, %why, "the judge rejected a candidate");
+                board.cause = Some(format!("the judge rejected what was found: {why}"));
+            });
+            return None;
+        }
+        plan.verification = Some(verdict.verification());
+        self.lock(|board| {
+            // Another thread may have been faster.
+            if board.cost.is_some_and(|best| cost >= best) {
+                return;
+            }
+            let found_after_s = self.control.deadline.elapsed_s();
+            plan.metrics.found_after_s = found_after_s;
+            plan.revision = board.best.as_ref().map_or(1, |best| best.revision + 1);
+            board.cost = Some(cost);
+            board.last_improvement = found_after_s;
+            (board.observe)(PlannerEvent::Incumbent(&plan));
+            board.best = Some(plan);
+            self.check_goals(board, candidate);
+        });
+        Some(cost)
+    }
+
+    fn check_goals(&self, board: &mut Board<'_>, candidate: &Candidate) {
+        let options = &self.problem.options;
+        if options.stop.first_solution {
+            self.end(board, Termination::FirstSolution);
+        } else if options.stop.target_duration_s.is_some_and(|target| candidate.duration <= target) {
+            self.end(board, Termination::TargetReached);
+        } else if options.objective == Objective::Steps && candidate.steps <= self.bound {
+            // Fewer steps are impossible; a shorter duration at the same steps still counts, but
+            // the objective itself is at its least.
+            self.proved.store(true, Ordering::Relaxed);
+            self.end(board, Termination::Optimal);
+        }
+    }
+
+    fn assemble(&self, candidate: &Candidate, certificate: Option<&Certificate>) -> Plan {
+        let optimum = certificate.and_then(|certificate| certificate.optimum);
+        let proof = match certificate.map(|certificate| certificate.proof) {
+            Some(Proof::Bounds) => StepsProof::Bounds,
+            Some(Proof::Ilp) => StepsProof::Ilp,
+            _ => StepsProof::None,
+        };
+        Plan {
+            problem_digest: self.problem.digest.clone(),
+            revision: 0,
+            metrics: Metrics {
+                duration_s: candidate.duration,
+                duration_synchronous_s: candidate.duration,
+                arc_length: candidate.arc_length,
+                actions: candidate.actions.len(),
+                steps: candidate.steps,
+                mode_graph_optimum: optimum,
+                steps_lower_bound: self.bound,
+                steps_proof: proof,
+                found_after_s: 0.0,
+            },
+            arms: candidate.trajectories(),
+            actions: candidate.actions.clone(),
+            verification: None,
+        }
+    }
+
+    /// Every goal is met at the start: the plan is to stand still.
+    fn nothing_to_do(&self) {
+        self.lock(|board| self.end(board, Termination::Optimal));
+    }
+
+    fn outcome(self) -> Outcome {
+        let cancelled = self.control.cancel.is_cancelled();
+        let board = self.board.into_inner().unwrap_or_else(std::sync::PoisonError::into_inner);
+        let termination = match (board.termination, &board.best) {
+            (Some(termination), Some(_)) => termination,
+            _ if cancelled => Termination::Cancelled,
+            (_, Some(_)) => Termination::TimeLimit,
+            (_, None) => Termination::NoSolutionFound,
+        };
+        let diagnosis = match board.best {
+            Some(_) => None,
+            None => Some(board.cause.unwrap_or_else(|| "the budget ended before the search began".to_owned())),
+        };
+        Outcome { termination, best: board.best, diagnosis }
+    }
+}
