@@ -71,7 +71,8 @@ impl ArmBodies {
             Some(_) => model.origin_distance(0, link).unwrap_or(f64::INFINITY) + slide_extent(arm) + radius,
             None => ((arm.base * poses[link]).translation.vector - reach_centre).norm() + radius,
         };
-        let reach_radius = atoms.iter().map(|atom| reach_of(atom.link, atom.atom.reach())).fold(0.0, f64::max);
+        let reach_radius =
+            atoms.iter().map(|atom| reach_of(atom.link, atom.atom.reach())).fold(0.0, f64::max);
         let mount_reach = reach_of(model.mount, 0.0);
         Self {
             atoms,

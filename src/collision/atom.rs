@@ -234,7 +234,9 @@ mod tests {
                 let points: Vec<Vec3> = (0..12)
                     .map(|_| Vec3::from_fn(|i, _| rng.random_range(-1.0..1.0) * [x, y, z][i]))
                     .collect();
-                Shape::Convex(std::sync::Arc::new(ConvexHull::new(&points).expect("random points span a volume")))
+                Shape::Convex(std::sync::Arc::new(
+                    ConvexHull::new(&points).expect("random points span a volume"),
+                ))
             }
         }
     }
@@ -243,7 +245,8 @@ mod tests {
     fn separation_agrees_with_parry() {
         let mut rng = crate::run::Seed(3).stream("atoms");
         for case in 0..3000 {
-            let make = |rng: &mut crate::run::Rng| PlacedShape { shape: random_shape(rng), pose: random_pose(rng) };
+            let make =
+                |rng: &mut crate::run::Rng| PlacedShape { shape: random_shape(rng), pose: random_pose(rng) };
             let (a, b) = (make(&mut rng), make(&mut rng));
             let (atom_a, atom_b) = (Atom::new(&a), Atom::new(&b));
             let (pose_a, pose_b) = (random_pose(&mut rng), random_pose(&mut rng));
@@ -256,7 +259,12 @@ mod tests {
                 assert!(found <= 1e-6, "case {case}: overlap missed, {found} against {truth}");
             }
             if found < need && truth > 0.0 {
-                assert!((found - truth).abs() < 1e-5, "case {case}: {found} is not {truth}, {:?} {:?}", a.shape, b.shape);
+                assert!(
+                    (found - truth).abs() < 1e-5,
+                    "case {case}: {found} is not {truth}, {:?} {:?}",
+                    a.shape,
+                    b.shape
+                );
             }
         }
     }

@@ -254,7 +254,12 @@ impl Check<'_> {
     }
 
     /// Certifies the pairs `open` over `span`; the middle of an interval that fails otherwise.
-    fn halve(&mut self, span: (f64, f64), open: (usize, usize), at: &mut (Placement, Placement)) -> Option<f64> {
+    fn halve(
+        &mut self,
+        span: (f64, f64),
+        open: (usize, usize),
+        at: &mut (Placement, Placement),
+    ) -> Option<f64> {
         if open.0 == open.1 {
             return None;
         }
@@ -278,9 +283,7 @@ impl Check<'_> {
             }
         }
         let left = (start, self.pairs.len());
-        let found = self
-            .halve((span.0, middle), left, at)
-            .or_else(|| self.halve((middle, span.1), left, at));
+        let found = self.halve((span.0, middle), left, at).or_else(|| self.halve((middle, span.1), left, at));
         self.pairs.truncate(start);
         found
     }
@@ -298,8 +301,8 @@ impl Check<'_> {
                 (atom.separation(placed, &fixed.atom, &fixed.at, clearance + bound), bound)
             }
             (With::Other, Some(other)) => {
-                let bound = mover.motion_bound(pair.a, &at.0.deviation)
-                    + other.motion_bound(pair.b, &at.1.deviation);
+                let bound =
+                    mover.motion_bound(pair.a, &at.0.deviation) + other.motion_bound(pair.b, &at.1.deviation);
                 let theirs = &at.1.atoms[usize::from(pair.b)];
                 (atom.separation(placed, other.atom(pair.b), theirs, clearance + bound), bound)
             }

@@ -29,7 +29,8 @@ pub fn segment_segment_squared(p0: &Vec3, p1: &Vec3, q0: &Vec3, q1: &Vec3) -> f6
         } else {
             let b = d1.dot(&d2);
             let denominator = a * e - b * b;
-            let s_free = if denominator > TINY { ((b * f - c * e) / denominator).clamp(0.0, 1.0) } else { 0.0 };
+            let s_free =
+                if denominator > TINY { ((b * f - c * e) / denominator).clamp(0.0, 1.0) } else { 0.0 };
             let t_free = (b * s_free + f) / e;
             if t_free < 0.0 {
                 t = 0.0;
@@ -72,7 +73,15 @@ pub fn segment_box(p0: &Vec3, p1: &Vec3, half: &Vec3) -> f64 {
     breaks[..count].sort_unstable_by(f64::total_cmp);
     let excess = |t: f64| -> Vec3 {
         let p = p0 + d * t;
-        Vec3::from_fn(|i, _| if p[i] > half[i] { p[i] - half[i] } else if p[i] < -half[i] { p[i] + half[i] } else { 0.0 })
+        Vec3::from_fn(|i, _| {
+            if p[i] > half[i] {
+                p[i] - half[i]
+            } else if p[i] < -half[i] {
+                p[i] + half[i]
+            } else {
+                0.0
+            }
+        })
     };
     let slope = |t: f64| excess(t).dot(&d);
     if slope(0.0) >= 0.0 {

@@ -91,11 +91,21 @@ impl CollisionWorld {
         exemption: Exemption,
     ) -> Vec<bool> {
         let resting = self.resting_atoms(scene);
-        configs.iter().map(|q| self.static_free(arm, &StraightMotion::rest(q), held, &resting, exemption)).collect()
+        configs
+            .iter()
+            .map(|q| self.static_free(arm, &StraightMotion::rest(q), held, &resting, exemption))
+            .collect()
     }
 
     /// Whether the arm is free at `q`; see [`Self::configs_free`].
-    pub fn config_free(&self, arm: ArmId, q: &[f64], held: Option<&Held>, scene: &Scene, exemption: Exemption) -> bool {
+    pub fn config_free(
+        &self,
+        arm: ArmId,
+        q: &[f64],
+        held: Option<&Held>,
+        scene: &Scene,
+        exemption: Exemption,
+    ) -> bool {
         self.static_free(arm, &StraightMotion::rest(q), held, &self.resting_atoms(scene), exemption)
     }
 
@@ -111,7 +121,9 @@ impl CollisionWorld {
         let resting = self.resting_atoms(scene);
         edges
             .iter()
-            .map(|(from, to)| self.static_free(arm, &StraightMotion::new(from, to), held, &resting, exemption))
+            .map(|(from, to)| {
+                self.static_free(arm, &StraightMotion::new(from, to), held, &resting, exemption)
+            })
             .collect()
     }
 
@@ -172,7 +184,8 @@ impl CollisionWorld {
     ) -> Option<f64> {
         let a = self.mover(first.0, first.1, first.2, first.3);
         let b = self.mover(second.0, second.1, second.2, second.3);
-        let reach = |mover: &Mover<'_>| mover.bodies.reach_with(mover.held.as_ref().map_or(0.0, |h| h.radius));
+        let reach =
+            |mover: &Mover<'_>| mover.bodies.reach_with(mover.held.as_ref().map_or(0.0, |h| h.radius));
         let between = (a.bodies.reach_centre - b.bodies.reach_centre).norm();
         if between > reach(&a) + reach(&b) + self.clearance {
             return None;
@@ -211,7 +224,13 @@ impl CollisionWorld {
 
     /// Whether an object at rest at `pose` is clear of the other resting objects and of every
     /// obstacle but `carrier`.
-    pub fn placement_free(&self, object: ObjectId, pose: &Pose, carrier: Option<ObstacleId>, scene: &Scene) -> bool {
+    pub fn placement_free(
+        &self,
+        object: ObjectId,
+        pose: &Pose,
+        carrier: Option<ObstacleId>,
+        scene: &Scene,
+    ) -> bool {
         let resting = self.resting_atoms(scene);
         let others = self.obstacles.iter().chain(&resting.atoms).filter(|other| match other.owner {
             Owner::Obstacle(id) => Some(id) != carrier,
@@ -241,7 +260,8 @@ impl CollisionWorld {
         let held = held.map(|held| {
             let in_mount = model.tool.tcp * held.object_in_tcp;
             let atoms = self.objects[held.object.0].as_slice();
-            let radius = in_mount.translation.vector.norm() + atoms.iter().map(Atom::reach).fold(0.0, f64::max);
+            let radius =
+                in_mount.translation.vector.norm() + atoms.iter().map(Atom::reach).fold(0.0, f64::max);
             HeldAtoms { object: held.object, in_mount, atoms, levers: bodies.held_levers(radius), radius }
         });
         Mover { arm, base: model.base, bodies, motion, held, exemption }

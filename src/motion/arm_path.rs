@@ -47,7 +47,8 @@ impl Surroundings<'_> {
     pub(super) fn edge_free(&self, from: &[f64], to: &[f64]) -> bool {
         let motion = StraightMotion::new(from, to);
         let none = Exemption::default();
-        self.world.static_free(self.arm, &motion, self.held, self.resting, none) && self.clear_of_arms(&motion)
+        self.world.static_free(self.arm, &motion, self.held, self.resting, none)
+            && self.clear_of_arms(&motion)
     }
 
     fn clear_of_arms(&self, motion: &StraightMotion) -> bool {
@@ -242,7 +243,12 @@ fn shortest(
 }
 
 /// Shortens a free path: whole waypoints first, then random pieces.
-fn shortcut(around: &Surroundings<'_>, roadmap: &Roadmap, mut path: Vec<Config>, rng: &mut Rng) -> Vec<Config> {
+fn shortcut(
+    around: &Surroundings<'_>,
+    roadmap: &Roadmap,
+    mut path: Vec<Config>,
+    rng: &mut Rng,
+) -> Vec<Config> {
     let mut start = 0;
     while start + 2 < path.len() {
         let mut end = path.len() - 1;

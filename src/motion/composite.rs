@@ -104,8 +104,9 @@ impl Composite<'_> {
             tree.push(Node { parent: near, ..next });
             let newest = tree.len() - 1;
             if greedy || extension % CONNECT_EVERY == 0 {
-                let goal: Vec<Config> =
-                    (0..count).map(|arm| to[arm].clone().unwrap_or_else(|| tree[newest].q[arm].clone())).collect();
+                let goal: Vec<Config> = (0..count)
+                    .map(|arm| to[arm].clone().unwrap_or_else(|| tree[newest].q[arm].clone()))
+                    .collect();
                 if let Some(mut tail) = self.connect(&tree[newest].q, &goal, to) {
                     let mut path = Vec::new();
                     let mut at = newest;
@@ -194,7 +195,8 @@ impl Composite<'_> {
     /// Whether the straight composite edge is certified free.
     fn edge_free(&self, from: &[Config], to: &[Config]) -> bool {
         let none = Exemption::default();
-        let motions: Vec<StraightMotion> = from.iter().zip(to).map(|(a, b)| StraightMotion::new(a, b)).collect();
+        let motions: Vec<StraightMotion> =
+            from.iter().zip(to).map(|(a, b)| StraightMotion::new(a, b)).collect();
         let arms = &self.task.arms;
         (0..arms.len()).all(|i| {
             from[i] == to[i]

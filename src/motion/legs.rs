@@ -148,7 +148,15 @@ fn line_tolerances(line: &Line, free: f64) -> Vec<f64> {
     let count = line.waypoints.len();
     let runs_out = line.runs_out();
     (0..count)
-        .map(|i| if i + 1 < count { LINE_TOLERANCE } else if runs_out { free } else { 0.0 })
+        .map(|i| {
+            if i + 1 < count {
+                LINE_TOLERANCE
+            } else if runs_out {
+                free
+            } else {
+                0.0
+            }
+        })
         .collect()
 }
 

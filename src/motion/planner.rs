@@ -109,7 +109,11 @@ impl<'a> StepPlanner<'a> {
                 }
             }
         }
-        if thorough { composite::plan(self.problem, self.world, &mut self.roadmaps, task, control, &mut self.rng) } else { None }
+        if thorough {
+            composite::plan(self.problem, self.world, &mut self.roadmaps, task, control, &mut self.rng)
+        } else {
+            None
+        }
     }
 
     /// Whether the arms that act are apart from each other at the end of the step.
@@ -135,7 +139,12 @@ impl<'a> StepPlanner<'a> {
     }
 
     /// Paths and timed legs of all arms under the round's terms; the arm that is stuck otherwise.
-    fn all_legs(&mut self, task: &StepTask, round: &mut Round, control: &Control) -> Result<Vec<Legs>, usize> {
+    fn all_legs(
+        &mut self,
+        task: &StepTask,
+        round: &mut Round,
+        control: &Control,
+    ) -> Result<Vec<Legs>, usize> {
         let resting = self.world.resting_atoms(&task.scene);
         let mut all = Vec::with_capacity(task.arms.len());
         for index in 0..task.arms.len() {
@@ -203,7 +212,9 @@ impl<'a> StepPlanner<'a> {
     /// where an idle arm goes.
     fn destination(&self, task: &StepTask, round: &Round, index: usize, from: &Config) -> Config {
         match (&task.arms[index].goal, &round.idle[index]) {
-            (ArmGoal::Contact { approach: Some(line), q, .. }, _) => line.waypoints.last().unwrap_or(q).clone(),
+            (ArmGoal::Contact { approach: Some(line), q, .. }, _) => {
+                line.waypoints.last().unwrap_or(q).clone()
+            }
             (ArmGoal::Contact { q, .. }, _) => q.clone(),
             (_, Idle::Refuge(q)) => q.clone(),
             (ArmGoal::Toward(q), Idle::Ahead) => q.clone(),

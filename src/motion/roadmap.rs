@@ -92,7 +92,14 @@ impl Roadmap {
 
     /// Adds `count` free configurations, half of them uniform within the limits and half around
     /// `home`, unless `control` stops it.
-    pub fn grow(&mut self, world: &CollisionWorld, arm: &Arm, count: usize, control: &Control, rng: &mut Rng) {
+    pub fn grow(
+        &mut self,
+        world: &CollisionWorld,
+        arm: &Arm,
+        count: usize,
+        control: &Control,
+        rng: &mut Rng,
+    ) {
         let empty = Scene::default();
         let mut tries = 0;
         let target = self.vertices.len() + count;

@@ -159,19 +159,26 @@ impl Search<'_> {
         let timings = self.timings(delays);
         let count = motion.arms.len();
         let (world, known) = (self.world, &mut self.known);
-        (0..count).flat_map(|first| (first + 1..count).map(move |second| Conflict { first, second })).find(|pair| {
-            let bits = |timing: &Timing| {
-                [timing.start, timing.resume.unwrap_or(-1.0), timing.end].map(f64::to_bits)
-            };
-            let ([a0, a1, a2], [b0, b1, b2]) = (bits(&timings[pair.first]), bits(&timings[pair.second]));
-            let key = (pair.first, pair.second, [a0, a1, a2, b0, b1, b2, motion.duration.to_bits()]);
-            !*known.entry(key).or_insert_with(|| pair_apart(world, motion, *pair))
-        })
+        (0..count).flat_map(|first| (first + 1..count).map(move |second| Conflict { first, second })).find(
+            |pair| {
+                let bits = |timing: &Timing| {
+                    [timing.start, timing.resume.unwrap_or(-1.0), timing.end].map(f64::to_bits)
+                };
+                let ([a0, a1, a2], [b0, b1, b2]) = (bits(&timings[pair.first]), bits(&timings[pair.second]));
+                let key = (pair.first, pair.second, [a0, a1, a2, b0, b1, b2, motion.duration.to_bits()]);
+                !*known.entry(key).or_insert_with(|| pair_apart(world, motion, *pair))
+            },
+        )
     }
 }
 
 /// An arm's curve from 0 to `duration`: wait, leg, wait, leg, wait.
-fn compose_arm(timing: &Timing, legs: &Legs, duration: f64, held: Option<crate::collision::Held>) -> ArmMotion {
+fn compose_arm(
+    timing: &Timing,
+    legs: &Legs,
+    duration: f64,
+    held: Option<crate::collision::Held>,
+) -> ArmMotion {
     let (first, second) = match (&legs.split, timing.resume) {
         (Some((before, after)), Some(resume)) => (before, Some((after, resume))),
         _ => (&legs.through, None),

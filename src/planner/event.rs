@@ -51,4 +51,3 @@ pub struct Outcome {
     /// The likely cause, when there is no plan.
     pub diagnosis: Option<String>,
 }
-

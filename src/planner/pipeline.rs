@@ -21,7 +21,11 @@ const PROGRESS_PERIOD_S: f64 = 0.25;
 ///
 /// Every incumbent is strictly better than the one before and has passed [`crate::verify`].
 /// With `options.threads` above 1, `observe` is called from several threads, one at a time.
-pub fn plan(problem: &Problem, control: &Control, observe: &mut (dyn FnMut(PlannerEvent<'_>) + Send)) -> Outcome {
+pub fn plan(
+    problem: &Problem,
+    control: &Control,
+    observe: &mut (dyn FnMut(PlannerEvent<'_>) + Send),
+) -> Outcome {
     let seed = Seed(problem.options.seed);
     let progress = |observe: &mut (dyn FnMut(PlannerEvent<'_>) + Send), phase| {
         let elapsed_s = control.deadline.elapsed_s();
@@ -36,7 +40,9 @@ pub fn plan(problem: &Problem, control: &Control, observe: &mut (dyn FnMut(Plann
     let contacts = reach.into_contacts();
     let map = match Map::new(graph) {
         Ok(map) => map,
-        Err(error) => return failed(Termination::NoSolutionFound, format!("the mode graph makes no sense: {error}")),
+        Err(error) => {
+            return failed(Termination::NoSolutionFound, format!("the mode graph makes no sense: {error}"));
+        }
     };
     let run = Run {
         problem,
@@ -117,8 +123,15 @@ impl<'a> Run<'a, '_> {
     /// One thread's search until a stop condition is met.
     fn search(&self, contacts: Contacts<'a>, seed: Seed, guidance_seed: Seed) {
         let _ = guidance_seed;
-        let mut search =
-            Search::new(self.problem, self.world, self.map, contacts, Settings::default(), seed, self.control);
+        let mut search = Search::new(
+            self.problem,
+            self.world,
+            self.map,
+            contacts,
+            Settings::default(),
+            seed,
+            self.control,
+        );
         while !self.should_stop() {
             if let Some(cost) = self.lock(|board| board.cost) {
                 search.set_incumbent(cost);
@@ -272,7 +285,9 @@ impl<'a> Run<'a, '_> {
         };
         let diagnosis = match board.best {
             Some(_) => None,
-            None => Some(board.cause.unwrap_or_else(|| "the budget ended before the search began".to_owned())),
+            None => {
+                Some(board.cause.unwrap_or_else(|| "the budget ended before the search began".to_owned()))
+            }
         };
         Outcome { termination, best: board.best, diagnosis }
     }

@@ -72,8 +72,10 @@ impl ChainPlanner<'_, '_> {
             return None;
         }
         if request.arms.len() == 1 {
-            let fitting: Vec<Hold> =
-                start.into_iter().filter(|(_, hold)| !self.contacts.at(&place(first), hold).is_empty()).collect();
+            let fitting: Vec<Hold> = start
+                .into_iter()
+                .filter(|(_, hold)| !self.contacts.at(&place(first), hold).is_empty())
+                .collect();
             let hold = self.cheapest_hold(request, first, &target, &fitting)?;
             return Some(Chain { carriers: vec![(first, hold)], handoffs: Vec::new(), target });
         }

@@ -106,9 +106,8 @@ impl<'a> Grounder<'a> {
         for action in &guide.heuristic {
             let Some(arm) = self.map.arm(action.arm) else { continue };
             if goals[arm.0].is_none() && action.step > 1 {
-                goals[arm.0] = self
-                    .ahead(vertex, guide, arm, &action.action, &now, &mut chains)
-                    .map(ArmGoal::Toward);
+                goals[arm.0] =
+                    self.ahead(vertex, guide, arm, &action.action, &now, &mut chains).map(ArmGoal::Toward);
             }
         }
         let arms = vertex.arms.iter().enumerate().map(|(index, arm)| ArmTask {
@@ -176,7 +175,9 @@ impl<'a> Grounder<'a> {
         if let Some(known) = chains.get(&object)
             && !renew
             && known.carriers.iter().map(|(arm, _)| *arm).eq(arms.iter().copied())
-            && poses.iter().any(|(pose, _)| (pose.translation.vector - known.target.0.translation.vector).norm() < 1e-9)
+            && poses
+                .iter()
+                .any(|(pose, _)| (pose.translation.vector - known.target.0.translation.vector).norm() < 1e-9)
         {
             return Some(known.clone());
         }
@@ -223,7 +224,8 @@ impl<'a> Grounder<'a> {
         match (self.map.arm(action.from), self.map.arm(action.to)) {
             (None, Some(_)) => {
                 let Whereabouts::Resting { pose, surface } = vertex.objects[object.0] else { return None };
-                let contact = self.contact(ContactKind::Pick, arm, object, (pose, surface), &hold, &now[arm.0])?;
+                let contact =
+                    self.contact(ContactKind::Pick, arm, object, (pose, surface), &hold, &now[arm.0])?;
                 goals[arm.0] = Some(ArmGoal::Contact {
                     q: contact.q.clone(),
                     approach: Some(contact.approach.clone()),
@@ -237,14 +239,16 @@ impl<'a> Grounder<'a> {
             }
             (Some(_), None) => {
                 let (pose, surface) = chain.target;
-                let contact = self.contact(ContactKind::Place, arm, object, (pose, surface), &hold, &now[arm.0])?;
+                let contact =
+                    self.contact(ContactKind::Place, arm, object, (pose, surface), &hold, &now[arm.0])?;
                 goals[arm.0] = Some(ArmGoal::Contact {
                     q: contact.q.clone(),
                     approach: Some(contact.approach.clone()),
                     exemption: Exemption { hand_with: None, held_with: self.carrier(surface) },
                     after: None,
                 });
-                out.departures.insert(arm.0, Departure { line: contact.retreat.clone(), exemption: touching });
+                out.departures
+                    .insert(arm.0, Departure { line: contact.retreat.clone(), exemption: touching });
                 out.actions.push((
                     object,
                     ActionKind::Place { arm, object_in_tcp: hold, object_pose: pose, surface },
@@ -323,11 +327,23 @@ impl<'a> Grounder<'a> {
         match (self.map.arm(action.from), self.map.arm(action.to)) {
             (None, Some(_)) => {
                 let Whereabouts::Resting { pose, surface } = vertex.objects[object.0] else { return None };
-                before_contact(&self.contact(ContactKind::Pick, arm, object, (pose, surface), &hold, &now[arm.0])?)
+                before_contact(&self.contact(
+                    ContactKind::Pick,
+                    arm,
+                    object,
+                    (pose, surface),
+                    &hold,
+                    &now[arm.0],
+                )?)
             }
-            (Some(_), None) => {
-                before_contact(&self.contact(ContactKind::Place, arm, object, chain.target, &hold, &now[arm.0])?)
-            }
+            (Some(_), None) => before_contact(&self.contact(
+                ContactKind::Place,
+                arm,
+                object,
+                chain.target,
+                &hold,
+                &now[arm.0],
+            )?),
             (Some(_), Some(_)) => {
                 if position > 0 && self.map.arm(action.to) == Some(arm) {
                     chain.handoffs.get(position - 1)?.receiver_approach.waypoints.last().cloned()

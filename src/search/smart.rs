@@ -177,7 +177,11 @@ impl<'a> Search<'a> {
             .copied()
             .filter(|&i| {
                 let vertex = &self.tree[i];
-                if self.best.is_some() { vertex.expansions == 0 || vertex.failures == vertex.expansions && vertex.failures < 3 } else { vertex.failures < self.settings.surrender }
+                if self.best.is_some() {
+                    vertex.expansions == 0 || vertex.failures == vertex.expansions && vertex.failures < 3
+                } else {
+                    vertex.failures < self.settings.surrender
+                }
             })
             .collect();
         let progress = |i: usize| {
@@ -185,14 +189,14 @@ impl<'a> Search<'a> {
             let remaining = vertex.remaining().map_or(1e6, |r| r as f64);
             remaining + 0.7 * f64::from(vertex.failures) + 1e-3 * vertex.elapsed
         };
-        let driven = fresh.into_iter().filter(|&i| i != 0 || self.best.is_none()).min_by(|&a, &b| {
-            progress(a).total_cmp(&progress(b)).then(a.cmp(&b))
-        });
+        let driven = fresh
+            .into_iter()
+            .filter(|&i| i != 0 || self.best.is_none())
+            .min_by(|&a, &b| progress(a).total_cmp(&progress(b)).then(a.cmp(&b)));
         if driven.is_some() {
             return driven;
         }
-        let on_way: Vec<usize> =
-            self.best_way.iter().copied().filter(|&i| candidates.contains(&i)).collect();
+        let on_way: Vec<usize> = self.best_way.iter().copied().filter(|&i| candidates.contains(&i)).collect();
         on_way.choose(&mut self.rng).or_else(|| candidates.choose(&mut self.rng)).copied().or(Some(0))
     }
 
@@ -270,7 +274,12 @@ impl<'a> Search<'a> {
         let mut arms: Vec<ArmState> = motion
             .arms
             .iter()
-            .map(|arm| ArmState { q: arm.curve.last().q.clone(), departure: None, wait_for: None, dwell: 0.0 })
+            .map(|arm| ArmState {
+                q: arm.curve.last().q.clone(),
+                departure: None,
+                wait_for: None,
+                dwell: 0.0,
+            })
             .collect();
         let dwell = |arm: ArmId| self.problem.workcell.arms[arm.0].tool.grasp_time;
         for (arm, departure) in grounding.departures {
@@ -333,7 +342,9 @@ impl<'a> Search<'a> {
     fn note_failure(&mut self, tau: usize, guide: &Guide) {
         self.tree[tau].failures += 1;
         let failures = self.tree[tau].failures;
-        if failures % self.settings.patience == 0 && matches!(self.problem.options.guidance, GuidanceKind::Smart) {
+        if failures % self.settings.patience == 0
+            && matches!(self.problem.options.guidance, GuidanceKind::Smart)
+        {
             if let Some(action) = guide.immediate.choose(&mut self.rng) {
                 self.cuts.add(CutKind::Action(*action), 2, self.settings.cut_lifetime);
             }
@@ -347,11 +358,8 @@ impl<'a> Search<'a> {
         };
         let object = self.problem.objects.get(action.object).map_or("", |o| o.id.as_str());
         let name = |node| self.map.name(node, self.problem);
-        self.cause = Some(format!(
-            "{what} to move {object:?} from {} to {}",
-            name(action.from),
-            name(action.to)
-        ));
+        self.cause =
+            Some(format!("{what} to move {object:?} from {} to {}", name(action.from), name(action.to)));
     }
 
     /// `retrace`: the plan that ends at `goal`, with the arms leaving their last contacts.
@@ -432,7 +440,8 @@ impl<'a> Search<'a> {
         if keep.first() != Some(&0) {
             keep.insert(0, 0);
         }
-        let renumbered: BTreeMap<usize, usize> = keep.iter().enumerate().map(|(new, &old)| (old, new)).collect();
+        let renumbered: BTreeMap<usize, usize> =
+            keep.iter().enumerate().map(|(new, &old)| (old, new)).collect();
         let mut kept = Vec::with_capacity(keep.len());
         for (index, mut vertex) in std::mem::take(&mut self.tree).into_iter().enumerate() {
             if renumbered.contains_key(&index) {

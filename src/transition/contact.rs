@@ -119,7 +119,10 @@ impl<'a> Contacts<'a> {
     /// Whether the contact can be had by any grasp.
     pub fn any(&mut self, query: &ContactQuery) -> bool {
         let problem = self.problem;
-        problem.objects[query.object.0].grasps.iter().any(|grasp| !self.at(query, &grasp.object_in_tcp).is_empty())
+        problem.objects[query.object.0]
+            .grasps
+            .iter()
+            .any(|grasp| !self.at(query, &grasp.object_in_tcp).is_empty())
     }
 
     fn key(&self, query: &ContactQuery, object_in_tcp: &Pose) -> Key {
@@ -156,7 +159,9 @@ impl<'a> Contacts<'a> {
             if !free {
                 continue;
             }
-            let Some(approach) = Line::follow(arm, &q, &approach_direction, object.approach) else { continue };
+            let Some(approach) = Line::follow(arm, &q, &approach_direction, object.approach) else {
+                continue;
+            };
             let Some(retreat) = Line::follow(arm, &q, &retreat_direction, object.retreat) else { continue };
             let (holding, without) = match query.kind {
                 ContactKind::Pick => (&retreat, &approach),

@@ -86,7 +86,8 @@ pub fn sample_handoffs(
         };
         let place = Vec3::from_fn(|i, _| centre[i] + spread[i] * rng.random_range(-1.0..1.0));
         let pose = Pose::from_parts(place.into(), random_rotation(rng));
-        let mount = |arm: &Arm, hold: &Pose| arm.base.inverse() * pose * hold.inverse() * arm.tool.tcp.inverse();
+        let mount =
+            |arm: &Arm, hold: &Pose| arm.base.inverse() * pose * hold.inverse() * arm.tool.tcp.inverse();
         let target = mount(sampler.giver, &giver_hold.1);
         sampler.giver.model.inverse(&sampler.giver.limits, &target, 2, rng, &mut giver_solutions);
         if giver_solutions.is_empty() {
@@ -100,7 +101,9 @@ pub fn sample_handoffs(
             if found.len() >= most && found.last().is_some_and(|worst| worst.cost <= cost) {
                 continue;
             }
-            if let Some(contact) = sampler.ground((&giver_hold.1, giver_q), (&receiver_hold.1, receiver_q), cost) {
+            if let Some(contact) =
+                sampler.ground((&giver_hold.1, giver_q), (&receiver_hold.1, receiver_q), cost)
+            {
                 hits += 1;
                 let at = found.partition_point(|other| other.cost <= cost);
                 found.insert(at, contact);
@@ -123,8 +126,10 @@ struct Sampler<'a> {
 
 impl Sampler<'_> {
     fn cost(&self, giver_q: &[f64], receiver_q: &[f64]) -> f64 {
-        let sum = |arm: &Arm, near: &[Config], q: &[f64]| near.iter().map(|n| travel_time(arm, n, q)).sum::<f64>();
-        sum(self.giver, self.query.giver_near, giver_q) + sum(self.receiver, self.query.receiver_near, receiver_q)
+        let sum =
+            |arm: &Arm, near: &[Config], q: &[f64]| near.iter().map(|n| travel_time(arm, n, q)).sum::<f64>();
+        sum(self.giver, self.query.giver_near, giver_q)
+            + sum(self.receiver, self.query.receiver_near, receiver_q)
     }
 
     /// Completes one candidate with its lines, if it is free of collision.
@@ -154,8 +159,7 @@ impl Sampler<'_> {
             return None;
         }
         let backwards = |arm: &Arm, q: &[f64]| -(arm.tcp_pose(q).rotation * Vec3::z());
-        let giver_retreat =
-            Line::follow(self.giver, giver_q, &backwards(self.giver, giver_q), self.retreat)?;
+        let giver_retreat = Line::follow(self.giver, giver_q, &backwards(self.giver, giver_q), self.retreat)?;
         let receiver_approach =
             Line::follow(self.receiver, receiver_q, &backwards(self.receiver, receiver_q), self.approach)?;
         let giver_rests = StraightMotion::rest(giver_q);
@@ -208,7 +212,11 @@ impl Sampler<'_> {
 
 /// Least time (s) from `from` to `to` at the joints' greatest speeds.
 pub fn travel_time(arm: &Arm, from: &[f64], to: &[f64]) -> f64 {
-    from.iter().zip(to).zip(&arm.limits).map(|((a, b), limit)| (a - b).abs() / limit.velocity).fold(0.0, f64::max)
+    from.iter()
+        .zip(to)
+        .zip(&arm.limits)
+        .map(|((a, b), limit)| (a - b).abs() / limit.velocity)
+        .fold(0.0, f64::max)
 }
 
 /// A uniformly distributed rotation (Shoemake 1992).
