@@ -12,7 +12,7 @@ pub trait Planner: Send + Sync {
         &self,
         problem: &Problem,
         control: &Control,
-        observe: &mut dyn FnMut(PlannerEvent<'_>),
+        observe: &mut (dyn FnMut(PlannerEvent<'_>) + Send),
     ) -> Outcome;
 }
 
@@ -25,7 +25,7 @@ impl Planner for SmartPlanner {
         &self,
         problem: &Problem,
         control: &Control,
-        observe: &mut dyn FnMut(PlannerEvent<'_>),
+        observe: &mut (dyn FnMut(PlannerEvent<'_>) + Send),
     ) -> Outcome {
         crate::planner::plan(problem, control, observe)
     }
@@ -33,13 +33,13 @@ impl Planner for SmartPlanner {
 
 impl<F> Planner for F
 where
-    F: Fn(&Problem, &Control, &mut dyn FnMut(PlannerEvent<'_>)) -> Outcome + Send + Sync,
+    F: Fn(&Problem, &Control, &mut (dyn FnMut(PlannerEvent<'_>) + Send)) -> Outcome + Send + Sync,
 {
     fn plan(
         &self,
         problem: &Problem,
         control: &Control,
-        observe: &mut dyn FnMut(PlannerEvent<'_>),
+        observe: &mut (dyn FnMut(PlannerEvent<'_>) + Send),
     ) -> Outcome {
         self(problem, control, observe)
     }
