@@ -155,6 +155,18 @@ pub(super) fn check(
     inspector.conclude(report)
 }
 
+/// The signed distance (m) of two bodies at these frames.
+#[cfg(test)]
+pub(super) fn least_distance(
+    a: &super::scene::Body,
+    at: &Frame,
+    b: &super::scene::Body,
+    b_at: &Frame,
+) -> f64 {
+    let pairs = a.parts.iter().flat_map(|part| b.parts.iter().map(move |other| (part, other)));
+    pairs.map(|(part, other)| gap(part, at, other, b_at, f64::MAX).estimate).fold(f64::INFINITY, f64::min)
+}
+
 /// The times at which the set of pairs changes, from 0 to the end.
 fn cut_times(timeline: &Timeline<'_>, windows: &[Window], end: f64) -> Vec<f64> {
     let mut cuts = vec![0.0, end];
