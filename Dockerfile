@@ -1,0 +1,22 @@
+# syntax=docker/dockerfile:1
+# The bases are arguments, so that mirrors and other distributions can stand in.
+ARG BUILD_IMAGE=docker.io/library/rust:1.95-bookworm
+ARG RUNTIME_IMAGE=docker.io/library/debian:bookworm-slim
+
+FROM ${BUILD_IMAGE} AS build
+WORKDIR /src
+COPY deploy/setup.sh deploy/setup.sh
+RUN deploy/setup.sh
+COPY . .
+RUN cargo build --release --locked && cp target/release/quadrille /quadrille
+
+FROM ${RUNTIME_IMAGE}
+COPY --from=build /quadrille /usr/local/bin/quadrille
+# A number, so that nothing has to be created and Kubernetes can check that it is not root.
+USER 65532:65532
+ENV QUADRILLE_LISTEN=0.0.0.0:8080 \
+    QUADRILLE_LOG_FORMAT=json
+EXPOSE 8080
+HEALTHCHECK --interval=10s --timeout=5s --start-period=5s --retries=3 CMD ["quadrille", "health"]
+ENTRYPOINT ["quadrille"]
+CMD ["serve"]

@@ -1,0 +1,142 @@
+//! The same over gRPC, on the same port.
+
+use futures::StreamExt;
+use quadrille::service::PROBLEM_METADATA;
+use quadrille::service::proto::event::Body;
+use quadrille::service::proto::planning_client::PlanningClient;
+use quadrille::service::proto::{
+    CancelJobRequest, CreateJobRequest, GetJobRequest, GetScenarioRequest, GetSolutionRequest, JobState,
+    ListJobsRequest, ListScenariosRequest, PlanRequest, TerminationReason, WatchJobRequest,
+};
+use serde_json::Value;
+use tonic::Code;
+use tonic::transport::Channel;
+use tonic_health::pb::HealthCheckRequest;
+use tonic_health::pb::health_client::HealthClient;
+use tonic_reflection::pb::v1::ServerReflectionRequest;
+use tonic_reflection::pb::v1::server_reflection_client::ServerReflectionClient;
+use tonic_reflection::pb::v1::server_reflection_request::MessageRequest;
+use tonic_reflection::pb::v1::server_reflection_response::MessageResponse;
+
+use crate::script::problem;
+use crate::server::Server;
+
+async fn channel(server: &Server) -> Channel {
+    Channel::from_shared(server.url("")).unwrap().connect().await.unwrap()
+}
+
+async fn client(server: &Server) -> PlanningClient<Channel> {
+    PlanningClient::new(channel(server).await)
+}
+
+fn plan(problem_json: impl Into<String>) -> PlanRequest {
+    PlanRequest { problem_json: problem_json.into(), cancel_on_disconnect: false }
+}
+
+#[tokio::test]
+async fn plan_streams_typed_events_that_agree_with_http() {
+    let server = Server::start(1, 8).await;
+    let mut client = client(&server).await;
+    let stream = client.plan(plan(problem("improve 2").to_string())).await.unwrap().into_inner();
+    let events: Vec<_> = stream.map(|event| event.unwrap()).collect().await;
+    assert_eq!(events.iter().map(|event| event.seq).collect::<Vec<_>>(), [1, 2, 3, 4, 5]);
+    let job = events[0].job_id.clone();
+    let over_http = server.events(&format!("/v1/jobs/{job}"), 0).await;
+    for (event, http) in events.iter().zip(&over_http) {
+        assert_eq!((Value::from(event.seq), Value::from(event.at.clone())), (http["seq"].clone(), http["at"].clone()));
+    }
+    let Some(Body::Incumbent(incumbent)) = &events[3].body else { panic!("{:?}", events[3]) };
+    assert_eq!(incumbent.revision, 2);
+    let metrics = incumbent.metrics.as_ref().unwrap();
+    assert_eq!((metrics.steps, metrics.mode_graph_optimum), (6, Some(6)));
+    assert_eq!(Value::from(metrics.duration_s), over_http[3]["metrics"]["duration_s"]);
+    assert_eq!(serde_json::from_str::<Value>(&incumbent.plan_json).unwrap(), over_http[3]["plan"]);
+    let Some(Body::Terminal(terminal)) = &events[4].body else { panic!("{:?}", events[4]) };
+    assert_eq!((terminal.state(), terminal.termination_reason()), (JobState::Succeeded, TerminationReason::TimeLimit));
+}
+
+#[tokio::test]
+async fn jobs_are_made_watched_and_cancelled() {
+    let server = Server::start(1, 8).await;
+    let mut client = client(&server).await;
+    let request = CreateJobRequest { problem_json: problem("wait").to_string() };
+    let job_id = client.create_job(request).await.unwrap().into_inner().id;
+    let watch = WatchJobRequest { job_id: job_id.clone(), after: 2 };
+    let mut events = client.watch_job(watch).await.unwrap().into_inner();
+    let first = events.next().await.unwrap().unwrap();
+    assert!(matches!(first.body, Some(Body::Incumbent(_))) && first.seq == 3);
+    let running = client.get_job(GetJobRequest { job_id: job_id.clone() }).await.unwrap().into_inner();
+    assert_eq!((running.state(), running.best.is_some()), (JobState::Running, true));
+    client.cancel_job(CancelJobRequest { job_id: job_id.clone() }).await.unwrap();
+    let last = events.map(|event| event.unwrap()).filter(|event| {
+        futures::future::ready(!matches!(event.body, Some(Body::Progress(_))))
+    });
+    let last: Vec<_> = last.collect().await;
+    assert!(matches!(&last[..], [end] if matches!(end.body, Some(Body::Terminal(_)))));
+    let solution = GetSolutionRequest { job_id: job_id.clone(), revision: 0 };
+    assert_eq!(client.get_solution(solution).await.unwrap().into_inner().revision, 1);
+    let listed = client.list_jobs(ListJobsRequest::default()).await.unwrap().into_inner().jobs;
+    assert_eq!(listed.len(), 1);
+    assert_eq!((&listed[0].id, listed[0].state()), (&job_id, JobState::Cancelled));
+    // Who has everything gets an empty stream.
+    let rest = client.watch_job(WatchJobRequest { job_id, after: 4 }).await.unwrap().into_inner();
+    assert_eq!(rest.count().await, 0);
+}
+
+#[tokio::test]
+async fn refusals_carry_the_problem_document() {
+    let server = Server::start(1, 0).await;
+    let mut client = client(&server).await;
+    let mut unknown = problem("nothing");
+    unknown["workcell"]["arms"][0]["robot"] = "iiwa99".into();
+    for (body, code) in [
+        (String::new(), "invalid_json"),
+        ("[".repeat(200_000), "invalid_json"),
+        (unknown.to_string(), "invalid_problem"),
+    ] {
+        let status = client.plan(plan(body)).await.unwrap_err();
+        assert_eq!(status.code(), Code::InvalidArgument);
+        let document = status.metadata().get_bin(PROBLEM_METADATA).unwrap().to_bytes().unwrap();
+        let document: Value = serde_json::from_slice(&document).unwrap();
+        assert_eq!(document["code"], code);
+        assert!(!document["errors"].as_array().unwrap().is_empty());
+    }
+    let stranger = GetJobRequest { job_id: "01890a5d-ac96-774b-bcce-b302099a8057".to_owned() };
+    assert_eq!(client.get_job(stranger).await.unwrap_err().code(), Code::NotFound);
+    let mut running = client.plan(plan(problem("wait").to_string())).await.unwrap().into_inner();
+    running.next().await.unwrap().unwrap();
+    let status = client.plan(plan(problem("wait").to_string())).await.unwrap_err();
+    assert_eq!(status.code(), Code::ResourceExhausted);
+    let huge = client.plan(plan(" ".repeat(50_000_000))).await.unwrap_err();
+    assert!(matches!(huge.code(), Code::OutOfRange | Code::ResourceExhausted), "{huge:?}");
+}
+
+#[tokio::test]
+async fn scenarios_health_and_reflection_answer() {
+    let server = Server::start(1, 8).await;
+    let mut client = client(&server).await;
+    let names = client.list_scenarios(ListScenariosRequest {}).await.unwrap().into_inner().names;
+    assert!(names.contains(&"switch/2x2".to_owned()));
+    let scenario = client.get_scenario(GetScenarioRequest { name: "switch/2x2".to_owned() }).await.unwrap();
+    assert_eq!(scenario.into_inner().problem_json, server.get("/v1/scenarios/switch/2x2").await.text().await.unwrap());
+
+    let mut health = HealthClient::new(channel(&server).await);
+    let service = "quadrille.v1.Planning".to_owned();
+    let answer = health.check(HealthCheckRequest { service }).await.unwrap().into_inner();
+    assert_eq!(answer.status(), tonic_health::pb::health_check_response::ServingStatus::Serving);
+
+    let mut reflection = ServerReflectionClient::new(channel(&server).await);
+    let message_request = Some(MessageRequest::ListServices(String::new()));
+    let request = ServerReflectionRequest { host: String::new(), message_request };
+    let mut answers =
+        reflection.server_reflection_info(futures::stream::iter([request])).await.unwrap().into_inner();
+    let Some(MessageResponse::ListServicesResponse(list)) =
+        answers.next().await.unwrap().unwrap().message_response
+    else {
+        panic!("no list of services");
+    };
+    let names: Vec<&str> = list.service.iter().map(|service| service.name.as_str()).collect();
+    for name in ["quadrille.v1.Planning", "grpc.health.v1.Health"] {
+        assert!(names.contains(&name), "{names:?}");
+    }
+}

@@ -1,0 +1,149 @@
+//! Streams of events: formats, resuming, signs of life, shutdown.
+
+use futures::StreamExt;
+use serde_json::Value;
+
+use crate::script::problem;
+use crate::server::{Server, lines, problem_document};
+
+/// One server-sent event.
+#[derive(Debug, Default)]
+struct Sent {
+    id: Option<u64>,
+    event: String,
+    data: Value,
+}
+
+/// Reads SSE until the stream ends or `enough` says so.
+async fn read_sse(reply: reqwest::Response, enough: impl Fn(&[Sent]) -> bool) -> Vec<Sent> {
+    assert_eq!(reply.status(), 200);
+    assert_eq!(reply.headers()["content-type"], "text/event-stream");
+    let mut chunks = reply.bytes_stream();
+    let (mut text, mut sent) = (Vec::new(), Vec::new());
+    while !enough(&sent) {
+        let Some(chunk) = chunks.next().await else { break };
+        text.extend_from_slice(&chunk.unwrap());
+        while let Some(end) = text.windows(2).position(|pair| pair == b"\n\n") {
+            let block: Vec<u8> = text.drain(..end + 2).collect();
+            let mut one = Sent::default();
+            for line in String::from_utf8(block).unwrap().lines() {
+                match line.split_once(": ") {
+                    Some(("id", id)) => one.id = Some(id.parse().unwrap()),
+                    Some(("event", event)) => one.event = event.to_owned(),
+                    Some(("data", data)) => one.data = serde_json::from_str(data).unwrap(),
+                    _ => {}
+                }
+            }
+            if !one.event.is_empty() {
+                sent.push(one);
+            }
+        }
+    }
+    sent
+}
+
+#[tokio::test]
+async fn plan_streams_lines_by_default_and_server_sent_events_on_request() {
+    let server = Server::start(1, 8).await;
+    let reply = server.post("/v1/plan", problem("improve 3").to_string()).await;
+    assert_eq!(reply.status(), 200);
+    assert_eq!(reply.headers()["content-type"], "application/x-ndjson");
+    let job = reply.headers()["location"].to_str().unwrap().to_owned();
+    let streamed = lines(&reply.text().await.unwrap());
+    assert_eq!(streamed.last().unwrap()["type"], "terminal");
+    assert_eq!(streamed, server.events(&job, 0).await, "replay gives the same events");
+
+    let request = server.client.post(server.url("/v1/plan")).header("accept", "text/event-stream");
+    let reply = request.body(problem("improve 3").to_string()).send().await.unwrap();
+    let sent = read_sse(reply, |_| false).await;
+    let kinds: Vec<&str> = sent.iter().map(|one| one.event.as_str()).collect();
+    assert_eq!(kinds, ["queued", "started", "incumbent", "incumbent", "incumbent", "terminal"]);
+    for (index, one) in sent.iter().enumerate() {
+        assert_eq!(one.id, Some(index as u64 + 1));
+        assert_eq!((&one.data["seq"], &one.data["type"]), (&one.id.into(), &one.event.clone().into()));
+    }
+}
+
+#[tokio::test]
+async fn readers_resume_where_they_left_off() {
+    let server = Server::start(1, 8).await;
+    let job = server.create("improve 12").await;
+    let all = server.events(&job, 0).await;
+    assert_eq!(all.len(), 15);
+    // One that reconnects after every third event sees each exactly once.
+    let (mut seen, mut last) = (Vec::new(), 0);
+    while seen.len() < all.len() {
+        let mut request = server.client.get(server.url(&format!("{job}/events"))).header("accept", "text/event-stream");
+        if last > 0 {
+            request = request.header("last-event-id", last.to_string());
+        }
+        let sent = read_sse(request.send().await.unwrap(), |sent| sent.len() >= 3).await;
+        for one in sent.into_iter().take(3) {
+            last = one.id.unwrap();
+            seen.push(one.data);
+        }
+    }
+    assert_eq!(seen, all);
+    assert_eq!(server.events(&job, 13).await, all[13..]);
+    // Whichever of the two is further on counts.
+    let both = server.client.get(server.url(&format!("{job}/events?after=14"))).header("last-event-id", "3");
+    assert_eq!(lines(&both.send().await.unwrap().text().await.unwrap()), all[14..]);
+    // Who has everything is told so.
+    for after in [15, 16, u64::MAX] {
+        assert_eq!(server.get(&format!("{job}/events?after={after}")).await.status(), 204);
+    }
+    for bad in ["after=-1", "after=x", "before=1"] {
+        let document = problem_document(server.get(&format!("{job}/events?{bad}")).await).await;
+        assert_eq!(document["code"], "bad_parameter");
+    }
+}
+
+#[tokio::test]
+async fn two_readers_of_a_running_job_see_the_same() {
+    let server = Server::start(1, 8).await;
+    let job = server.create("wait").await;
+    let (first, second) = tokio::join!(
+        async {
+            let events = server.events(&job, 0).await;
+            events.into_iter().filter(|event| event["type"] != "progress").collect::<Vec<_>>()
+        },
+        async {
+            server.until(&job, "progress").await;
+            server.post(&format!("{job}/cancel"), "").await;
+            server.events(&job, 0).await
+        }
+    );
+    assert_eq!(first, second);
+    assert_eq!(first.len(), 4);
+}
+
+#[tokio::test]
+async fn signs_of_life_are_not_numbered() {
+    let server = Server::start(1, 8).await;
+    let job = server.create("wait").await;
+    let request = server.client.get(server.url(&format!("{job}/events"))).header("accept", "text/event-stream");
+    let progress = |sent: &[Sent]| sent.iter().any(|one| one.event == "progress");
+    let sent = read_sse(request.send().await.unwrap(), progress).await;
+    let one = sent.last().unwrap();
+    assert_eq!((one.id, one.event.as_str()), (None, "progress"));
+    assert_eq!(one.data["seq"], 3, "the number of the last durable event");
+    assert_eq!(one.data["phase"], "improve");
+    // The script reports every other millisecond; a reader gets no more than one a second.
+    server.post(&format!("{job}/cancel"), "").await;
+    assert!(server.events(&job, 3).await.iter().all(|event| event["type"] == "terminal"));
+}
+
+#[tokio::test]
+async fn a_shutdown_ends_streams_cleanly_and_refuses_work() {
+    let mut server = Server::start(1, 8).await;
+    let job = server.create("wait").await;
+    server.until(&job, "incumbent").await;
+    let request = server.client.get(server.url(&format!("{job}/events"))).header("accept", "text/event-stream");
+    let reply = request.send().await.unwrap();
+    server.shutdown.cancel();
+    let text = reply.text().await.expect("the stream ends as it should");
+    assert!(text.ends_with("retry: 2000\n\n"), "{text}");
+    assert!(!text.contains("event: terminal"), "the job has not ended, the process does");
+    (&mut server.task).await.unwrap().unwrap();
+    assert!(server.client.get(server.url("/livez")).send().await.is_err());
+}
