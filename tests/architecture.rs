@@ -61,9 +61,8 @@ fn is_test(path: &Path) -> bool {
 
 /// The rooms from left to right; each may know those to its left.
 const FLOW: [&str; 20] = [
-    "run", "geometry", "kinematics", "workcell", "problem", "plan", "collision", "mode_graph", "guidance",
-    "transition", "motion", "search", "trajectory", "verify", "planner", "wire", "scenario", "jobs", "service",
-    "cli",
+    "run", "geometry", "kinematics", "workcell", "problem", "collision", "mode_graph", "guidance", "transition",
+    "motion", "search", "trajectory", "plan", "verify", "planner", "wire", "scenario", "jobs", "service", "cli",
 ];
 
 /// Pairs (room, what it must not know).
@@ -78,8 +77,11 @@ fn forbidden_rooms() -> Vec<(&'static str, &'static str)> {
         // The judge shares no planning code.
         pairs.push(("verify", planning));
         // What describes the world knows nothing of planning.
-        for world in ["geometry", "kinematics", "workcell", "problem", "plan", "run"] {
+        for world in ["geometry", "kinematics", "workcell", "problem", "run"] {
             pairs.push((world, planning));
+        }
+        if planning != "trajectory" {
+            pairs.push(("plan", planning));
         }
         if planning != "planner" {
             pairs.extend([("wire", planning), ("scenario", planning)]);
@@ -107,12 +109,15 @@ fn the_rooms_are_those_of_the_map() {
 
 #[test]
 fn dependencies_run_one_way() {
+    let mut broken = Vec::new();
     for (room, other) in forbidden_rooms() {
         for (path, text) in sources(room) {
-            let through = !is_test(&path) && imports(&code(&text), other);
-            assert!(!through, "{} must not know `{other}`", path.display());
+            if !is_test(&path) && imports(&code(&text), other) {
+                broken.push(format!("{} must not know `{other}`", path.display()));
+            }
         }
     }
+    assert!(broken.is_empty(), "{}", broken.join("\n"));
 }
 
 #[test]
@@ -124,7 +129,7 @@ fn the_core_knows_no_runtime_and_no_protocol() {
                 assert!(!names(&code, library), "{} names {library}", path.display());
             }
             if *room != "jobs" {
-                assert!(!names(&code, "tracing") && !names(&code, "futures"), "{}", path.display());
+                assert!(!names(&code, "futures"), "{} names futures", path.display());
             }
         }
     }
@@ -160,7 +165,8 @@ fn files_stay_readable() {
         for (path, text) in sources(room) {
             let lines = text.lines().count();
             assert!(lines <= 800, "{} has {lines} lines", path.display());
-            assert!(text.starts_with("//!"), "{} does not say what it is for", path.display());
+            let says = is_test(&path) || text.starts_with("//!");
+            assert!(says, "{} does not say what it is for", path.display());
         }
     }
 }
