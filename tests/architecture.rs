@@ -61,8 +61,26 @@ fn is_test(path: &Path) -> bool {
 
 /// The rooms from left to right; each may know those to its left.
 const FLOW: [&str; 20] = [
-    "run", "geometry", "kinematics", "workcell", "problem", "collision", "mode_graph", "guidance", "transition",
-    "motion", "search", "trajectory", "plan", "verify", "planner", "wire", "scenario", "jobs", "service", "cli",
+    "run",
+    "geometry",
+    "kinematics",
+    "workcell",
+    "problem",
+    "collision",
+    "mode_graph",
+    "guidance",
+    "transition",
+    "motion",
+    "search",
+    "trajectory",
+    "plan",
+    "verify",
+    "planner",
+    "wire",
+    "scenario",
+    "jobs",
+    "service",
+    "cli",
 ];
 
 /// Pairs (room, what it must not know).

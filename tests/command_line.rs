@@ -14,7 +14,8 @@ fn quadrille(arguments: &[&str]) -> Output {
 fn command(arguments: &[&str]) -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_quadrille"));
     command.args(arguments).stdin(Stdio::null());
-    for variable in ["QUADRILLE_LISTEN", "QUADRILLE_WORKERS", "QUADRILLE_QUEUE_LIMIT", "QUADRILLE_LOG_FORMAT"] {
+    for variable in ["QUADRILLE_LISTEN", "QUADRILLE_WORKERS", "QUADRILLE_QUEUE_LIMIT", "QUADRILLE_LOG_FORMAT"]
+    {
         command.env_remove(variable);
     }
     command
@@ -31,7 +32,18 @@ fn err(output: &Output) -> String {
 fn generate(folder: &Path, file: &str, seed: &str) -> String {
     let path = folder.join(file).to_str().unwrap().to_owned();
     let output = quadrille(&[
-        "scenario", "generate", "--family", "switch", "--arms", "2", "--objects", "2", "--seed", seed, "--out", &path,
+        "scenario",
+        "generate",
+        "--family",
+        "switch",
+        "--arms",
+        "2",
+        "--objects",
+        "2",
+        "--seed",
+        seed,
+        "--out",
+        &path,
     ]);
     assert_eq!(output.status.code(), Some(0), "{}", err(&output));
     path
@@ -52,8 +64,18 @@ fn scenarios_are_the_same_for_the_same_seed_and_differ_for_another() {
     let read = |file: &str, seed: &str| fs::read(generate(folder.path(), file, seed)).unwrap();
     assert_eq!(read("a", "7"), read("b", "7"));
     assert_ne!(read("a", "7"), read("c", "8"));
-    let to_stdout =
-        quadrille(&["scenario", "generate", "--family", "switch", "--arms", "2", "--objects", "2", "--seed", "7"]);
+    let to_stdout = quadrille(&[
+        "scenario",
+        "generate",
+        "--family",
+        "switch",
+        "--arms",
+        "2",
+        "--objects",
+        "2",
+        "--seed",
+        "7",
+    ]);
     assert_eq!(to_stdout.stdout, read("a", "7"));
     let shipped = fs::read(Path::new(env!("CARGO_MANIFEST_DIR")).join("scenarios/switch/2x2.json")).unwrap();
     assert_eq!(read("d", "0"), shipped, "the file that ships is seed 0");
@@ -79,7 +101,9 @@ fn faults_are_printed_with_pointer_code_and_message() {
         assert!(text.lines().any(|line| line.trim().starts_with("/colour: unknown_field: ")), "{text}");
         assert!(text.contains("/workcell/arms/0/robot: unknown_robot: "), "{text}");
     }
-    for arguments in [&["plan", "no-such-file.json"][..], &["plan"], &["dance"], &["plan", &problem, "--budget", "0"]] {
+    for arguments in
+        [&["plan", "no-such-file.json"][..], &["plan"], &["dance"], &["plan", &problem, "--budget", "0"]]
+    {
         let output = quadrille(arguments);
         assert_eq!(output.status.code(), Some(2), "{arguments:?}");
         assert!(!output.stderr.is_empty());

@@ -43,7 +43,10 @@ async fn plan_streams_typed_events_that_agree_with_http() {
     let job = events[0].job_id.clone();
     let over_http = server.events(&format!("/v1/jobs/{job}"), 0).await;
     for (event, http) in events.iter().zip(&over_http) {
-        assert_eq!((Value::from(event.seq), Value::from(event.at.clone())), (http["seq"].clone(), http["at"].clone()));
+        assert_eq!(
+            (Value::from(event.seq), Value::from(event.at.clone())),
+            (http["seq"].clone(), http["at"].clone())
+        );
     }
     let Some(Body::Incumbent(incumbent)) = &events[3].body else { panic!("{:?}", events[3]) };
     assert_eq!(incumbent.revision, 2);
@@ -52,7 +55,10 @@ async fn plan_streams_typed_events_that_agree_with_http() {
     assert_eq!(Value::from(metrics.duration_s), over_http[3]["metrics"]["duration_s"]);
     assert_eq!(serde_json::from_str::<Value>(&incumbent.plan_json).unwrap(), over_http[3]["plan"]);
     let Some(Body::Terminal(terminal)) = &events[4].body else { panic!("{:?}", events[4]) };
-    assert_eq!((terminal.state(), terminal.termination_reason()), (JobState::Succeeded, TerminationReason::TimeLimit));
+    assert_eq!(
+        (terminal.state(), terminal.termination_reason()),
+        (JobState::Succeeded, TerminationReason::TimeLimit)
+    );
 }
 
 #[tokio::test]
@@ -68,9 +74,9 @@ async fn jobs_are_made_watched_and_cancelled() {
     let running = client.get_job(GetJobRequest { job_id: job_id.clone() }).await.unwrap().into_inner();
     assert_eq!((running.state(), running.best.is_some()), (JobState::Running, true));
     client.cancel_job(CancelJobRequest { job_id: job_id.clone() }).await.unwrap();
-    let last = events.map(|event| event.unwrap()).filter(|event| {
-        futures::future::ready(!matches!(event.body, Some(Body::Progress(_))))
-    });
+    let last = events
+        .map(|event| event.unwrap())
+        .filter(|event| futures::future::ready(!matches!(event.body, Some(Body::Progress(_)))));
     let last: Vec<_> = last.collect().await;
     assert!(matches!(&last[..], [end] if matches!(end.body, Some(Body::Terminal(_)))));
     let solution = GetSolutionRequest { job_id: job_id.clone(), revision: 0 };
@@ -118,7 +124,10 @@ async fn scenarios_health_and_reflection_answer() {
     let names = client.list_scenarios(ListScenariosRequest {}).await.unwrap().into_inner().names;
     assert!(names.contains(&"switch/2x2".to_owned()));
     let scenario = client.get_scenario(GetScenarioRequest { name: "switch/2x2".to_owned() }).await.unwrap();
-    assert_eq!(scenario.into_inner().problem_json, server.get("/v1/scenarios/switch/2x2").await.text().await.unwrap());
+    assert_eq!(
+        scenario.into_inner().problem_json,
+        server.get("/v1/scenarios/switch/2x2").await.text().await.unwrap()
+    );
 
     let mut health = HealthClient::new(channel(&server).await);
     let service = "quadrille.v1.Planning".to_owned();

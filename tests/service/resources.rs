@@ -50,7 +50,10 @@ async fn plans_are_judged() {
         (json!([]), "invalid_problem", ""),
     ] {
         let document = problem_document(server.post("/v1/verify", body.to_string()).await).await;
-        assert_eq!((&document["code"], document["errors"][0]["pointer"].as_str()), (&json!(code), Some(pointer)));
+        assert_eq!(
+            (&document["code"], document["errors"][0]["pointer"].as_str()),
+            (&json!(code), Some(pointer))
+        );
     }
 }
 

@@ -24,10 +24,14 @@ pub fn problem(name: &str) -> Value {
 /// - `wait`: a plan, then signs of life until it is cancelled or the budget ends;
 /// - `first`, `optimal`, `infeasible`, `nothing`: the ending of that kind;
 /// - `panic`: a plan, then a panic.
-pub fn plan(problem: &Problem, control: &Control, observe: &mut dyn FnMut(PlannerEvent<'_>)) -> Outcome {
+pub fn plan(
+    problem: &Problem,
+    control: &Control,
+    observe: &mut (dyn FnMut(PlannerEvent<'_>) + Send),
+) -> Outcome {
     let mut words = problem.name.split(' ');
     let mut best = None;
-    let mut improve = |revision: u64, observe: &mut dyn FnMut(PlannerEvent<'_>)| {
+    let mut improve = |revision: u64, observe: &mut (dyn FnMut(PlannerEvent<'_>) + Send)| {
         let plan = still_plan(problem, revision);
         observe(PlannerEvent::Incumbent(&plan));
         best = Some(plan);
