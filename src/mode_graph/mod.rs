@@ -29,3 +29,6 @@ pub use graph::{
 };
 pub use optimistic::optimistic_mode_graph;
 pub use reach::{HandoffWitness, Hold, Reach, RestAction};
+
+#[cfg(test)]
+mod tests;

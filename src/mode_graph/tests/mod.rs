@@ -1,0 +1,5 @@
+//! Mode graphs of small cells, with reach by plain distances.
+
+mod cell;
+mod graphs;
+mod proofs;
