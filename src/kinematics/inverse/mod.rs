@@ -6,13 +6,16 @@ mod angles;
 mod euler;
 mod numeric;
 mod redundant;
+mod six;
 mod spherical_seven;
+mod subproblems;
 
 use super::chain::Chain;
 use super::{ArmModel, Config, JointLimits};
 use crate::geometry::Pose;
 use crate::run::{Rng, Seed};
 use numeric::Descent;
+use six::SixAxes;
 use spherical_seven::SphericalSeven;
 
 /// The solver for an arm's structure.
@@ -23,6 +26,8 @@ pub(super) struct Solver(Structure);
 enum Structure {
     /// Spherical shoulder, revolute elbow, spherical wrist.
     SphericalSeven(Box<SphericalSeven>),
+    /// Six joints, with a spherical wrist or like the UR arms.
+    Six(Box<SixAxes>),
     /// Any other chain.
     Other,
 }
@@ -30,10 +35,9 @@ enum Structure {
 impl Solver {
     /// The solver for `chain`.
     pub fn new(chain: &Chain) -> Self {
-        Self(match SphericalSeven::detect(chain) {
-            Some(seven) => Structure::SphericalSeven(Box::new(seven)),
-            None => Structure::Other,
-        })
+        let seven = || SphericalSeven::detect(chain).map(|seven| Structure::SphericalSeven(Box::new(seven)));
+        let six = || SixAxes::detect(chain).map(|six| Structure::Six(Box::new(six)));
+        Self(seven().or_else(six).unwrap_or(Structure::Other))
     }
 }
 
@@ -42,6 +46,10 @@ impl Solver {
 pub enum InverseMethod {
     /// Closed form for 7R arms with spherical shoulder and wrist.
     SphericalSeven,
+    /// Closed form for 6R arms with parallel axes 2 and 3 and a spherical wrist.
+    SphericalSix,
+    /// Closed form for 6R arms with parallel axes 2, 3 and 4 whose last two axes meet (UR type).
+    ParallelSix,
     /// Damped least squares with restarts.
     Numeric,
 }
@@ -51,6 +59,8 @@ impl ArmModel {
     pub fn inverse_method(&self) -> InverseMethod {
         match &self.solver.0 {
             Structure::SphericalSeven(_) => InverseMethod::SphericalSeven,
+            Structure::Six(six) if six.has_spherical_wrist() => InverseMethod::SphericalSix,
+            Structure::Six(_) => InverseMethod::ParallelSix,
             Structure::Other => InverseMethod::Numeric,
         }
     }
@@ -75,6 +85,7 @@ impl ArmModel {
         }
         match &self.solver.0 {
             Structure::SphericalSeven(seven) => seven.spread(limits, target, max_solutions, rng, out),
+            Structure::Six(six) => six.spread(limits, target, max_solutions, rng, out),
             Structure::Other => self.descent(limits, target).spread(max_solutions, rng, out),
         }
     }
@@ -93,15 +104,19 @@ impl ArmModel {
         if !self.fits(limits, target) || seed.len() != self.dof() {
             return None;
         }
-        match (&self.solver.0, <&[f64; 7]>::try_from(seed)) {
-            (Structure::SphericalSeven(seven), Ok(seed)) => seven.near(limits, target, seed, max_step),
-            _ => {
+        let q = match &self.solver.0 {
+            Structure::SphericalSeven(seven) => {
+                return seven.near(limits, target, seed.try_into().ok()?, max_step);
+            }
+            Structure::Six(six) => six.closest(limits, target, seed.try_into().ok()?, &[1.0; 6])?,
+            Structure::Other => {
                 let descent = self.descent(limits, target);
                 let mut q = descent.from(seed)?;
                 descent.unwind(&mut q, seed);
-                q.iter().zip(seed).all(|(a, b)| (a - b).abs() <= max_step).then_some(q)
+                q
             }
-        }
+        };
+        q.iter().zip(seed).all(|(a, b)| (a - b).abs() <= max_step).then_some(q)
     }
 
     /// The configuration for `target` with the least distance to `reference`, the square root of
@@ -119,11 +134,12 @@ impl ArmModel {
         if !self.fits(limits, target) || reference.len() != dof || weights.len() != dof {
             return None;
         }
-        match (&self.solver.0, <&[f64; 7]>::try_from(reference)) {
-            (Structure::SphericalSeven(seven), Ok(reference)) => {
-                seven.closest(limits, target, reference, weights)
+        match &self.solver.0 {
+            Structure::SphericalSeven(seven) => {
+                seven.closest(limits, target, reference.try_into().ok()?, weights)
             }
-            _ => {
+            Structure::Six(six) => six.closest(limits, target, reference.try_into().ok()?, weights),
+            Structure::Other => {
                 let mut rng = Seed(0).stream("inverse kinematics");
                 self.descent(limits, target).closest(reference, weights, &mut rng)
             }

@@ -67,6 +67,50 @@ fn odd_seven() -> ArmModel {
     load(&format!(r#"<robot name="r"><link name="l0"/>{text}{flange}</robot>"#), "flange")
 }
 
+/// A six-joint arm by the origin, orientation and axis of its joints.
+fn six(joints: [(&str, &str, &str); 6]) -> ArmModel {
+    let text: String = joints
+        .iter()
+        .enumerate()
+        .map(|(n, (xyz, rpy, axis))| {
+            format!(
+                r#"<link name="l{}"/><joint name="j{n}" type="revolute"><parent link="l{n}"/><child link="l{}"/>
+                <origin xyz="{xyz}" rpy="{rpy}"/><axis xyz="{axis}"/>
+                <limit lower="-2.9" upper="2.7" velocity="1"/></joint>"#,
+                n + 1,
+                n + 1
+            )
+        })
+        .collect();
+    let flange = r#"<link name="flange"/><joint name="f" type="fixed"><parent link="l6"/><child link="flange"/>
+        <origin xyz="0.01 0.02 0.12" rpy="0.4 0.5 0.6"/></joint>"#;
+    load(&format!(r#"<robot name="r"><link name="l0"/>{text}{flange}</robot>"#), "flange")
+}
+
+/// An industrial arm: shoulder offset, elbow offset, spherical wrist, odd zeros and signs.
+fn elbow_six() -> ArmModel {
+    six([
+        ("0 0 0.3", "0.1 0.2 0", "0 0 -1"),
+        ("0.15 0.05 0.2", "0 0 0.4", "0 1 0"),
+        ("0.05 0 0.6", "0 0.3 0", "0 -1 0"),
+        ("0.1 0.02 0.13", "0 0 0", "1 0 0"),
+        ("0.5 0 0", "0.5 0 0", "0 1 0"),
+        ("0 0 0", "0 0 0", "1 0 0"),
+    ])
+}
+
+/// The UR type with other offsets, signs, and wrist axes that are not at right angles.
+fn odd_ur() -> ArmModel {
+    six([
+        ("0.1 0 0.1", "0 0 0.3", "0 0 1"),
+        ("0.03 0.1 0.2", "0 0 0.2", "0 -1 0"),
+        ("0.1 0 0.5", "0 0 0", "0 1 0"),
+        ("0 -0.05 0.4", "0 0.7 0", "0 -1 0"),
+        ("0.02 0.1 0", "0.2 0 0", "0 0 1"),
+        ("0 0 0.1", "0 0 0", "0.1 1 0"),
+    ])
+}
+
 /// A linear axis under a five-joint arm.
 fn on_a_rail() -> ArmModel {
     let joint = |n: usize, kind: &str, xyz: &str, axis: &str| {
@@ -93,6 +137,10 @@ fn on_a_rail() -> ArmModel {
 fn structure_is_told_from_geometry() {
     assert_eq!(robot("iiwa14").inverse_method(), InverseMethod::SphericalSeven);
     assert_eq!(odd_seven().inverse_method(), InverseMethod::SphericalSeven);
+    assert_eq!(robot("ur_type").inverse_method(), InverseMethod::ParallelSix);
+    assert_eq!(odd_ur().inverse_method(), InverseMethod::ParallelSix);
+    assert_eq!(elbow_six().inverse_method(), InverseMethod::SphericalSix);
+    assert_eq!(robot("panda_type").inverse_method(), InverseMethod::Numeric);
     assert_eq!(on_a_rail().inverse_method(), InverseMethod::Numeric);
 }
 
@@ -145,40 +193,6 @@ proptest! {
         }
     }
 
-    #[test]
-    fn closed_form_and_numeric_agree(parts in prop::collection::vec(0.02..0.98_f64, 7), seed in any::<u64>()) {
-        let model = robot("iiwa14");
-        let limits = limits(&model);
-        let target = model.mount_pose(&configuration(&model, &parts));
-        let mut numeric = Vec::new();
-        model.descent(&limits, &target).spread(2, &mut Seed(seed).stream("test"), &mut numeric);
-        prop_assert!(!numeric.is_empty());
-        for solution in &numeric {
-            prop_assert!(miss(&model, solution, &target) < 1e-7 && inside(solution, &limits));
-            // The closed form, asked for the branch and psi of the numeric solution, gives it back.
-            let near = model.inverse_near(&limits, &target, solution, 1e-4);
-            prop_assert!(near.is_some());
-        }
-    }
-
-    #[test]
-    fn numeric_round_trip(parts in prop::collection::vec(0.02..0.98_f64, 7), seed in any::<u64>()) {
-        let model = on_a_rail();
-        let limits = limits(&model);
-        let q = configuration(&model, &parts);
-        let target = model.mount_pose(&q);
-        let mut found = Vec::new();
-        model.inverse(&limits, &target, 4, &mut Seed(seed).stream("test"), &mut found);
-        prop_assert!(!found.is_empty());
-        for solution in &found {
-            prop_assert!(miss(&model, solution, &target) < 1e-7 && inside(solution, &limits));
-        }
-        let near = model.inverse_near(&limits, &target, &q, 1e-6);
-        prop_assert!(near.is_some());
-        let closest = model.inverse_closest(&limits, &target, &q, &[1.0; 7]).unwrap();
-        prop_assert!(closest.iter().zip(&q).all(|(a, b)| (a - b).abs() < 1e-5));
-    }
-
     /// A straight line of the mount is followed without leaps.
     #[test]
     fn straight_lines_are_followed(parts in prop::collection::vec(0.1..0.9_f64, 7), way in prop::array::uniform3(-1.0..1.0_f64)) {
@@ -201,6 +215,77 @@ proptest! {
             };
             prop_assert!(miss(&model, &next, &target) < 1e-9);
             q = next;
+        }
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(60))]
+
+    #[test]
+    fn numeric_round_trip(
+        parts in prop::collection::vec(0.02..0.98_f64, 7), seed in any::<u64>(), panda in any::<bool>(),
+    ) {
+        let model = if panda { robot("panda_type") } else { on_a_rail() };
+        let limits = limits(&model);
+        let q = configuration(&model, &parts);
+        let target = model.mount_pose(&q);
+        let mut found = Vec::new();
+        model.inverse(&limits, &target, 4, &mut Seed(seed).stream("test"), &mut found);
+        prop_assert!(!found.is_empty());
+        for solution in &found {
+            prop_assert!(miss(&model, solution, &target) < 1e-7 && inside(solution, &limits));
+        }
+        let near = model.inverse_near(&limits, &target, &q, 1e-6);
+        prop_assert!(near.is_some());
+        let closest = model.inverse_closest(&limits, &target, &q, &[1.0; 7]).unwrap();
+        prop_assert!(closest.iter().zip(&q).all(|(a, b)| (a - b).abs() < 1e-5));
+    }
+
+    #[test]
+    fn closed_form_and_numeric_agree(parts in prop::collection::vec(0.02..0.98_f64, 7), seed in any::<u64>()) {
+        let model = robot("iiwa14");
+        let limits = limits(&model);
+        let target = model.mount_pose(&configuration(&model, &parts));
+        let mut numeric = Vec::new();
+        model.descent(&limits, &target).spread(2, &mut Seed(seed).stream("test"), &mut numeric);
+        prop_assert!(!numeric.is_empty());
+        for solution in &numeric {
+            prop_assert!(miss(&model, solution, &target) < 1e-7 && inside(solution, &limits));
+            // The closed form, asked for the branch and psi of the numeric solution, gives it back.
+            let near = model.inverse_near(&limits, &target, solution, 1e-4);
+            prop_assert!(near.is_some());
+        }
+    }
+
+    #[test]
+    fn closed_forms_of_six_joints_round_trip(parts in prop::collection::vec(0.0..1.0_f64, 6), seed in any::<u64>()) {
+        for model in [robot("ur_type"), odd_ur(), elbow_six()] {
+            let limits = limits(&model);
+            let q = configuration(&model, &parts);
+            let target = model.mount_pose(&q);
+            let mut found = Vec::new();
+            model.inverse(&limits, &target, 8, &mut Seed(seed).stream("test"), &mut found);
+            prop_assert!(!found.is_empty());
+            for solution in &found {
+                prop_assert!(miss(&model, solution, &target) < 1e-9, "{}", miss(&model, solution, &target));
+                prop_assert!(inside(solution, &limits));
+            }
+            // The configuration itself is among the solutions, unless it is all but singular.
+            let jacobian = model.jacobian(&q);
+            prop_assume!(jacobian.fixed_columns::<6>(0).into_owned().determinant().abs() > 1e-4);
+            prop_assert!(found.iter().any(|s| s.iter().zip(&q).all(|(a, b)| angles::turn_between(*a, *b) < 1e-6)));
+            let near = model.inverse_near(&limits, &target, &q, 1e-6).unwrap();
+            prop_assert!(near.iter().zip(&q).all(|(a, b)| (a - b).abs() < 1e-6));
+            // No solution of the numeric solver is missing.
+            let mut numeric = Vec::new();
+            model.descent(&limits, &target).spread(3, &mut Seed(seed).stream("numeric"), &mut numeric);
+            for other in &numeric {
+                prop_assert!(
+                    found.iter().any(|s| s.iter().zip(other).all(|(a, b)| angles::turn_between(*a, *b) < 1e-3)),
+                    "{other:?}"
+                );
+            }
         }
     }
 }
@@ -257,6 +342,18 @@ fn out_of_reach_and_unusable_targets_have_no_solution() {
 fn singular_targets_are_met() {
     let model = robot("iiwa14");
     let limits = limits(&model);
+    let ur = robot("ur_type");
+    for q in [[0.0; 6], [0.3, -1.0, 1.2, -0.5, 0.0, 0.4], [0.3, -1.0, 0.0, -0.5, 0.7, 0.4]] {
+        for tilt in [0.0, 1e-12, 1e-10, 1e-8, 3e-8, 1e-6, -1e-8, -1e-4] {
+            let mut q = q;
+            q[2] += tilt;
+            q[4] += tilt;
+            let target = ur.mount_pose(&q);
+            let near = ur.inverse_near(&self::limits(&ur), &target, &q, 1e-3);
+            let near = near.unwrap_or_else(|| panic!("no solution near {q:?}"));
+            assert!(miss(&ur, &near, &target) < 1e-9, "{q:?} {}", miss(&ur, &near, &target));
+        }
+    }
     for q in [[0.0; 7], [0.4, 0.0, 0.3, -1.0, 0.2, 0.0, 0.7], [0.4, 0.5, 0.3, 0.0, 0.2, 0.6, 0.7]] {
         let target = model.mount_pose(&q);
         let mut found = Vec::new();
