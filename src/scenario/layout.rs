@@ -58,7 +58,10 @@ impl Layout {
         if !(1..=MAX_ARMS).contains(&arms) {
             return Err(ScenarioError::Arms(arms));
         }
-        let lanes = (1..=arms).filter(|lanes| arms % lanes == 0 && lanes * lanes <= arms).max().unwrap_or(1);
+        let lanes = (1..=arms)
+            .filter(|lanes| arms.is_multiple_of(*lanes) && lanes * lanes <= arms)
+            .max()
+            .unwrap_or(1);
         Ok(Self { depth: arms / lanes, lanes })
     }
 

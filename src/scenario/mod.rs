@@ -6,6 +6,8 @@ mod catalog;
 mod family;
 mod generate;
 mod layout;
+#[cfg(test)]
+mod reach;
 mod sampling;
 mod text;
 

@@ -80,7 +80,7 @@ pub fn centre(shapes: &[PlacedShape]) -> Vec3 {
     let mut total = 0.0;
     let mut weighted = Vec3::zeros();
     for placed in shapes {
-        let mass = f64::from(placed.shape.to_parry().mass_properties(1.0).mass());
+        let mass = placed.shape.to_parry().mass_properties(1.0).mass();
         total += mass;
         weighted += local_centre(placed) * mass;
     }

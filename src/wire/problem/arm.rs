@@ -1,12 +1,12 @@
 //! Arms: base, tool, home, limits.
 
 use std::collections::{BTreeMap, BTreeSet};
+use std::sync::Arc;
 
 use super::context::{Context, Named};
 use super::robot::{LoadedModel, ModelCache, RobotSpec, read_joint_values, read_limits};
-use super::shape::read_shape;
+use super::shape::{read_shape, shape_bits};
 use super::statics::optional_pose;
-use crate::geometry::PlacedShape;
 use crate::kinematics::{ArmModel, Config, JointLimits};
 use crate::run::Seed;
 use crate::wire::fault::FaultCode;
@@ -17,12 +17,19 @@ use crate::workcell::{Arm, Tool};
 /// A missing acceleration limit is this many times the velocity limit, per second.
 const DEFAULT_ACCELERATION_FACTOR: f64 = 5.0;
 
+/// Pairs of rigid groups that overlap almost always, and everything that decides them.
+struct Overlapping {
+    model: Arc<ArmModel>,
+    tool: Vec<u64>,
+    limits: Vec<JointLimits>,
+    pairs: Vec<GroupPair>,
+}
+
 /// Reads arms that share robots.
 pub struct ArmReader<'s> {
     robots: &'s BTreeMap<String, Option<RobotSpec>>,
     models: ModelCache,
-    /// Exempt pairs by everything that decides them.
-    overlapping: BTreeMap<String, Vec<GroupPair>>,
+    overlapping: Vec<Overlapping>,
     warned: BTreeSet<String>,
     /// Joints on the chain of some arm of each robot.
     chains: BTreeMap<String, BTreeSet<String>>,
@@ -42,7 +49,7 @@ pub fn read_arms(
     let mut reader = ArmReader {
         robots,
         models: ModelCache::default(),
-        overlapping: BTreeMap::new(),
+        overlapping: Vec::new(),
         warned: BTreeSet::new(),
         chains: BTreeMap::new(),
     };
@@ -190,21 +197,23 @@ impl ArmReader<'_> {
         let model = &loaded.model;
         let mut pairs: BTreeSet<GroupPair> = contacts::neighbours(model).into_iter().collect();
         pairs.extend(loaded.disabled.iter().copied());
-        let key =
-            format!(
-                "{} {} {:?} {:?}",
-                robot.name(),
-                model.mount,
-                limits,
-                tool.shapes.iter().map(shape_key).collect::<Vec<_>>()
-            ) + &format!("{:?}", model.links.iter().map(|link| link.origin.to_string()).collect::<Vec<_>>());
-        let found = match self.overlapping.get(&key) {
-            Some(found) => found.clone(),
+        let bits = shape_bits(&tool.shapes);
+        let known = self
+            .overlapping
+            .iter()
+            .find(|known| Arc::ptr_eq(&known.model, model) && known.tool == bits && known.limits == limits);
+        let found = match known {
+            Some(known) => known.pairs.clone(),
             None => {
                 let mut rng = Seed(0).stream("workcell/contacts");
                 let found =
                     contacts::almost_always_overlapping(model, &tool.shapes, limits, &pairs, &mut rng);
-                self.overlapping.insert(key, found.clone());
+                self.overlapping.push(Overlapping {
+                    model: Arc::clone(model),
+                    tool: bits,
+                    limits: limits.to_vec(),
+                    pairs: found.clone(),
+                });
                 found
             }
         };
@@ -222,10 +231,6 @@ impl ArmReader<'_> {
         pairs.extend(found);
         pairs.into_iter().collect()
     }
-}
-
-fn shape_key(placed: &PlacedShape) -> String {
-    format!("{:?} {:?}", placed.shape, placed.pose)
 }
 
 fn group_names(model: &ArmModel, group: usize) -> String {

@@ -3,8 +3,8 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use super::context::{Context, Named};
-use super::shape::read_shape;
-use crate::geometry::{PlacedShape, Pose, Shape};
+use super::shape::{pose_bits, read_shape, shape_bits};
+use crate::geometry::{PlacedShape, Pose};
 use crate::wire::fault::FaultCode;
 use crate::wire::reader::{Node, Range, shown};
 use crate::workcell::{Grasp, GraspGenerator, ObjectModel, Symmetry, symmetry_rotations};
@@ -187,29 +187,9 @@ fn number_classes(objects: &mut [Option<ObjectModel>]) {
 /// Everything that decides the class, as bits.
 fn class_key(object: &ObjectModel) -> Vec<u64> {
     let mut key = vec![object.symmetry as u64, object.approach.to_bits(), object.retreat.to_bits()];
-    for placed in &object.shapes {
-        match &placed.shape {
-            Shape::Box { half_extents } => {
-                key.push(0);
-                key.extend(half_extents.iter().map(|v| v.to_bits()));
-            }
-            Shape::Sphere { radius } => key.extend([1, radius.to_bits()]),
-            Shape::Cylinder { radius, half_length } => {
-                key.extend([2, radius.to_bits(), half_length.to_bits()]);
-            }
-            Shape::Capsule { radius, half_length } => {
-                key.extend([3, radius.to_bits(), half_length.to_bits()]);
-            }
-            Shape::Convex(hull) => {
-                key.extend([4, hull.vertices().len() as u64]);
-                key.extend(hull.vertices().iter().flat_map(|v| [v.x, v.y, v.z]).map(f64::to_bits));
-            }
-        }
-    }
+    key.extend(shape_bits(&object.shapes));
     for grasp in &object.grasps {
-        let pose = &grasp.object_in_tcp;
-        key.extend(pose.translation.vector.iter().map(|v| v.to_bits()));
-        key.extend(pose.rotation.coords.iter().map(|v| v.to_bits()));
+        key.extend(pose_bits(&grasp.object_in_tcp));
     }
     key
 }

@@ -8,8 +8,11 @@ use super::robot::read_joint_values;
 use crate::geometry::Pose;
 use crate::kinematics::Config;
 use crate::wire::fault::FaultCode;
-use crate::wire::reader::{Node, shown};
+use crate::wire::reader::Node;
 use crate::workcell::Arm;
+
+/// Longest name of a problem (bytes).
+const MAX_NAME: usize = 1000;
 
 /// A placement as it stands in `initial`.
 #[derive(Debug, Clone)]
@@ -178,8 +181,13 @@ pub fn read_initial_joints(
     out
 }
 
-/// The document's name, cut to what is sensible to show.
+/// The document's name; empty when there is none.
 pub fn read_name(node: Option<Node<'_>>, context: &mut Context<'_>) -> String {
-    let text = node.and_then(|node| node.string(&mut context.faults));
-    text.map(|text| shown(text)).unwrap_or_default()
+    let Some(node) = node else { return String::new() };
+    let text = node.string(&mut context.faults).unwrap_or_default();
+    if text.len() > MAX_NAME {
+        let message = format!("{} bytes, at most {MAX_NAME} are taken; shorten it", text.len());
+        node.fault(&mut context.faults, FaultCode::TooLarge, message);
+    }
+    text.to_owned()
 }

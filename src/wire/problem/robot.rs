@@ -233,10 +233,13 @@ pub fn read_joint_values(node: &Node<'_>, context: &mut Context<'_>) -> BTreeMap
     out
 }
 
+/// What decides a model: robot, mount link, and the values (as bits) of held joints.
+type ModelKey = (String, String, Vec<(String, u64)>);
+
 /// Loads arm models, each once: arms of one robot, mount link and held joints share one.
 #[derive(Debug, Default)]
 pub struct ModelCache {
-    loaded: BTreeMap<(String, String, Vec<(String, u64)>), Option<LoadedModel>>,
+    loaded: BTreeMap<ModelKey, Option<LoadedModel>>,
     noted: BTreeSet<(String, String)>,
 }
 

@@ -106,3 +106,35 @@ fn mesh(fields: &mut Fields<'_>, context: &mut Context<'_>) -> Option<Shape> {
     context.faults.warn(node.pointer, FaultCode::BadMesh, message);
     Some(Shape::Convex(hull))
 }
+
+/// Everything that tells lists of shapes from each other, as bits.
+pub fn shape_bits(shapes: &[PlacedShape]) -> Vec<u64> {
+    let mut bits = Vec::new();
+    for placed in shapes {
+        match &placed.shape {
+            Shape::Box { half_extents } => {
+                bits.push(0);
+                bits.extend(half_extents.iter().map(|v| v.to_bits()));
+            }
+            Shape::Sphere { radius } => bits.extend([1, radius.to_bits()]),
+            Shape::Cylinder { radius, half_length } => {
+                bits.extend([2, radius.to_bits(), half_length.to_bits()]);
+            }
+            Shape::Capsule { radius, half_length } => {
+                bits.extend([3, radius.to_bits(), half_length.to_bits()]);
+            }
+            Shape::Convex(hull) => {
+                bits.extend([4, hull.vertices().len() as u64]);
+                bits.extend(hull.vertices().iter().flat_map(|v| [v.x, v.y, v.z]).map(f64::to_bits));
+            }
+        }
+        bits.extend(pose_bits(&placed.pose));
+    }
+    bits
+}
+
+/// A pose as bits.
+pub fn pose_bits(pose: &Pose) -> [u64; 7] {
+    let (t, r) = (&pose.translation.vector, &pose.rotation.coords);
+    [t.x, t.y, t.z, r.x, r.y, r.z, r.w].map(f64::to_bits)
+}

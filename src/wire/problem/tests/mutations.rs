@@ -104,8 +104,13 @@ fn mutate(document: &mut Value, index: prop::sample::Index, mutation: Mutation) 
     }
 }
 
+/// How many documents: `QUADRILLE_FUZZ_CASES` asks for more.
+fn cases() -> u32 {
+    std::env::var("QUADRILLE_FUZZ_CASES").ok().and_then(|text| text.parse().ok()).unwrap_or(400)
+}
+
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(400))]
+    #![proptest_config(ProptestConfig::with_cases(cases()))]
 
     #[test]
     fn broken_documents_are_told_where(
