@@ -1,6 +1,7 @@
 //! Log lines, to stderr.
 
 use std::io::IsTerminal;
+use std::panic::PanicHookInfo;
 
 use clap::ValueEnum;
 use tracing_subscriber::EnvFilter;
@@ -27,4 +28,14 @@ pub(super) fn start(format: LogFormat, service: bool) {
         LogFormat::Text => subscriber.init(),
         LogFormat::Json => subscriber.json().init(),
     }
+    if service {
+        std::panic::set_hook(Box::new(log_panic));
+    }
+}
+
+/// A panic is a log entry like any other, in the format of the others.
+fn log_panic(info: &PanicHookInfo<'_>) {
+    let location = info.location().map(ToString::to_string).unwrap_or_default();
+    let thread = std::thread::current().name().unwrap_or_default().to_owned();
+    tracing::error!(location, thread, cause = info.payload_as_str().unwrap_or_default(), "panic");
 }

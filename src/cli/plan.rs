@@ -8,7 +8,7 @@ use clap::ValueEnum;
 
 use super::{Answer, CliError, budget, input};
 use crate::plan::Metrics;
-use crate::planner::{self, PlannerEvent};
+use crate::planner::{self, PlannerEvent, Termination};
 use crate::problem::{GuidanceKind, Options};
 use crate::run::{CancelToken, Control, Deadline};
 
@@ -67,8 +67,15 @@ pub(super) fn run(arguments: &Arguments) -> Result<Answer, CliError> {
             Ok(Answer::Yes)
         }
         None => {
-            let cause = outcome.diagnosis.as_deref().unwrap_or("the budget ended");
-            eprintln!("no plan ({:?}): {cause}", outcome.termination);
+            let ending = match outcome.termination {
+                Termination::Infeasible => "no plan exists",
+                Termination::Cancelled => "cancelled before a plan was found",
+                _ => "no plan was found",
+            };
+            match &outcome.diagnosis {
+                Some(cause) => eprintln!("{ending}: {cause}"),
+                None => eprintln!("{ending}"),
+            }
             Ok(Answer::No)
         }
     }

@@ -365,7 +365,7 @@ impl Shared {
                     .map(|text| (*text).to_owned())
                     .or_else(|| panic.downcast_ref::<String>().cloned())
                     .unwrap_or_default();
-                tracing::error!(%job, message, "the planner panicked");
+                tracing::error!(%job, cause = message, "the planner panicked");
                 let diagnosis = "the planner failed on this problem; this is a fault of the service";
                 Some((TerminationReason::Internal, Some(diagnosis.to_owned())))
             }

@@ -60,7 +60,7 @@ pub(super) fn router(app: Arc<App>) -> Router {
 
 fn answer_panic(panic: Box<dyn Any + Send>) -> Response {
     let message = panic.downcast_ref::<&str>().copied().unwrap_or_default();
-    tracing::error!(message, "a handler panicked");
+    tracing::error!(cause = message, "a handler panicked");
     ApiError::Internal.into_response()
 }
 

@@ -1,0 +1,124 @@
+//! From a problem to a judged plan with the real planner: by the command line and through the service.
+
+use std::fs;
+use std::io::{BufRead, BufReader};
+use std::path::Path;
+use std::process::{Child, Command, Output, Stdio};
+
+use serde_json::{Value, json};
+
+fn quadrille(arguments: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_quadrille")).args(arguments).stdin(Stdio::null()).output().unwrap()
+}
+
+fn scenario(name: &str) -> String {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenarios").join(format!("{name}.json"));
+    path.to_str().unwrap().to_owned()
+}
+
+/// The file that ships, to be solved once within a generous budget.
+fn first_solution(name: &str) -> Value {
+    let mut problem: Value = serde_json::from_str(&fs::read_to_string(scenario(name)).unwrap()).unwrap();
+    problem["options"]["time_budget_s"] = json!(120.0);
+    problem["options"]["stop"] = json!({ "first_solution": true });
+    problem
+}
+
+#[test]
+fn the_command_line_plans_and_the_judge_agrees() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
+    let (problem, plan) = (scenario("switch/2x2"), file("plan.json"));
+    let planned = quadrille(&["plan", &problem, "--budget", "2m", "--first-solution", "--out", &plan]);
+    let lines = String::from_utf8(planned.stderr).unwrap();
+    assert_eq!(planned.status.code(), Some(0), "{lines}");
+    let line = lines.lines().find(|line| line.starts_with("found_after_s=")).unwrap();
+    assert!(line.contains(" steps=6/6") && line.contains(" duration_s="), "{line}");
+
+    let judged = quadrille(&["verify", &problem, &plan, "--json"]);
+    let verdict: Value = serde_json::from_slice(&judged.stdout).unwrap();
+    assert_eq!((judged.status.code(), &verdict["valid"]), (Some(0), &json!(true)), "{verdict}");
+
+    // The same plan does not solve the problem whose goals are the other way round.
+    let mut other: Value = serde_json::from_str(&fs::read_to_string(&problem).unwrap()).unwrap();
+    other["goal"] = other["initial"].clone();
+    fs::write(file("other.json"), other.to_string()).unwrap();
+    let judged = quadrille(&["verify", &file("other.json"), &plan]);
+    assert_eq!(judged.status.code(), Some(1));
+    assert!(String::from_utf8(judged.stdout).unwrap().starts_with("invalid"));
+}
+
+/// The service as a process of its own, with one planner thread; killed when dropped.
+struct Service {
+    process: Child,
+    url: String,
+}
+
+impl Drop for Service {
+    fn drop(&mut self) {
+        // It may have ended already.
+        let _ = self.process.kill();
+        let _ = self.process.wait();
+    }
+}
+
+impl Service {
+    fn start() -> Self {
+        let mut process = Command::new(env!("CARGO_BIN_EXE_quadrille"))
+            .args(["serve", "--listen", "127.0.0.1:0", "--workers", "1"])
+            .stdout(Stdio::piped())
+            .stderr(Stdio::null())
+            .spawn()
+            .unwrap();
+        let mut line = String::new();
+        BufReader::new(process.stdout.take().unwrap()).read_line(&mut line).unwrap();
+        let url = format!("http://{}", line.trim().strip_prefix("listening on ").unwrap());
+        Self { process, url }
+    }
+}
+
+async fn post(url: String, body: &Value) -> reqwest::Response {
+    let client = reqwest::Client::builder().no_proxy().build().unwrap();
+    client.post(url).header("content-type", "application/json").body(body.to_string()).send().await.unwrap()
+}
+
+#[tokio::test]
+async fn the_service_streams_plans_that_the_judge_accepts() {
+    let service = Service::start();
+    let problem = first_solution("switch/2x2");
+    let reply = post(format!("{}/v1/plan", service.url), &problem).await;
+    assert_eq!(reply.status(), 200);
+    let text = reply.text().await.unwrap();
+    let events: Vec<Value> = text.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
+    let terminal = events.last().unwrap();
+    assert_eq!(terminal["termination_reason"], "FIRST_SOLUTION", "{terminal}");
+    let incumbent = events.iter().find(|event| event["type"] == "incumbent").unwrap();
+    assert_eq!(incumbent["plan"]["verification"]["valid"], true);
+    assert_eq!(terminal["metrics"], incumbent["metrics"]);
+    let body = json!({ "problem": problem, "plan": incumbent["plan"] });
+    let verdict: Value = post(format!("{}/v1/verify", service.url), &body).await.json().await.unwrap();
+    assert_eq!(verdict["valid"], true, "{verdict}");
+}
+
+#[tokio::test]
+async fn a_cancelled_planner_makes_room_for_the_next_job() {
+    let service = Service::start();
+    let mut long: Value = serde_json::from_str(&fs::read_to_string(scenario("switch/2x2")).unwrap()).unwrap();
+    long["options"]["time_budget_s"] = json!(3600.0);
+    let jobs = format!("{}/v1/jobs", service.url);
+    let first: Value = post(jobs.clone(), &long).await.json().await.unwrap();
+    let second: Value = post(jobs.clone(), &long).await.json().await.unwrap();
+    let id = |job: &Value| job["id"].as_str().unwrap().to_owned();
+    assert_eq!(second["queue_position"], 1);
+    post(format!("{jobs}/{}/cancel", id(&first)), &json!(null)).await;
+    let client = reqwest::Client::builder().no_proxy().build().unwrap();
+    let mut events = client.get(format!("{jobs}/{}/events", id(&second))).send().await.unwrap();
+    let mut text = String::new();
+    while !text.contains("\"type\":\"started\"") {
+        text.push_str(std::str::from_utf8(&events.chunk().await.unwrap().unwrap()).unwrap());
+    }
+    post(format!("{jobs}/{}/cancel", id(&second)), &json!(null)).await;
+    let record: Value =
+        client.get(format!("{jobs}/{}", id(&first))).send().await.unwrap().json().await.unwrap();
+    assert_eq!(record["state"], "CANCELLED");
+}
