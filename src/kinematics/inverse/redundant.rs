@@ -49,7 +49,7 @@ impl SphericalSeven {
                 if taken == per_psi || out.len() >= max {
                     break;
                 }
-                let branch = branch_of((first + index) % 4 << 1 | elbow);
+                let branch = branch_of((((first + index) % 4) << 1) | elbow);
                 if let Some(q) = angles.within(branch, limits, &near) {
                     taken += push_new(out, &q);
                 }
@@ -192,11 +192,11 @@ fn keep_better(
 }
 
 fn branch_of(index: usize) -> Branch {
-    Branch { elbow: index & 1, shoulder: Side::BOTH[index >> 1 & 1], wrist: Side::BOTH[index >> 2 & 1] }
+    Branch { elbow: index & 1, shoulder: Side::BOTH[(index >> 1) & 1], wrist: Side::BOTH[(index >> 2) & 1] }
 }
 
 fn branches_of(elbow: usize) -> impl Iterator<Item = Branch> {
-    (0..4).map(move |index| branch_of(index << 1 | elbow))
+    (0..4).map(move |index| branch_of((index << 1) | elbow))
 }
 
 fn neutral_all(limits: &[JointLimits]) -> [f64; 7] {

@@ -127,8 +127,7 @@ impl SphericalSeven {
         let line = wrist - self.shoulder_centre;
         let square = line.norm_squared();
         let cosine = (square - self.square) / (2.0 * self.swing);
-        // Also catches NaN.
-        if !(cosine.abs() <= 1.0 + 1e-12) || square < 1e-12 {
+        if cosine.is_nan() || cosine.abs() > 1.0 + 1e-12 || square < 1e-12 {
             return None;
         }
         let bend = cosine.clamp(-1.0, 1.0).acos();

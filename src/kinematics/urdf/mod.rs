@@ -157,8 +157,7 @@ fn joint_drives(
         if matches!(drives[index], Drive::Chain { .. }) {
             continue;
         }
-        // Also catches NaN.
-        if !(value.abs() <= MAX_MAGNITUDE) {
+        if value.is_nan() || value.abs() > MAX_MAGNITUDE {
             return Err(UrdfError::BadHeldValue { name: cut(name), value: *value });
         }
         if let Some(limit) = element.limit
@@ -206,8 +205,8 @@ fn mimic_drive(
         multiplier *= mimic.multiplier;
         index = target;
     }
-    // Also catches NaN.
-    if !(multiplier.abs() <= MAX_MAGNITUDE && offset.abs() <= MAX_MAGNITUDE) {
+    let usable = |value: f64| value.is_finite() && value.abs() <= MAX_MAGNITUDE;
+    if !usable(multiplier) || !usable(offset) {
         return Err(UrdfError::OutOfRange {
             place: format!("joint \"{}\" mimic", cut(&robot.joints[start].name)),
             value: multiplier,
