@@ -1,4 +1,4 @@
-//! The command line: `plan`, `verify`, `scenario`, `serve`, `health`.
+//! The command line: `plan`, `verify`, `modes`, `scenario`, `serve`, `health`.
 //!
 //! Exit codes: 0 for success (a plan was found, the plan is valid, the service ended as asked), 1
 //! for a negative answer (no plan found, the plan is invalid, the service is not healthy), 2 for
@@ -8,6 +8,7 @@ mod budget;
 mod health;
 mod input;
 mod logging;
+mod modes;
 mod plan;
 mod scenario;
 mod serve;
@@ -46,6 +47,8 @@ enum Command {
     Plan(plan::Arguments),
     /// Judge a plan for a problem
     Verify(verify::Arguments),
+    /// Print the mode graph of a problem: who reaches what, who hands over to whom
+    Modes(modes::Arguments),
     /// Problems of the benchmark families
     Scenario(scenario::Arguments),
     /// Run the service
@@ -90,6 +93,7 @@ pub fn main() -> ExitCode {
     let answer = match arguments.command {
         Command::Plan(arguments) => plan::run(&arguments),
         Command::Verify(arguments) => verify::run(&arguments),
+        Command::Modes(arguments) => modes::run(&arguments),
         Command::Scenario(arguments) => scenario::run(&arguments),
         Command::Serve(arguments) => serve::run(&arguments),
         Command::Health(arguments) => Ok(health::run(&arguments)),
