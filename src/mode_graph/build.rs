@@ -29,7 +29,7 @@ pub struct ModeGraphOptions {
 
 impl Default for ModeGraphOptions {
     fn default() -> Self {
-        Self { least_spots: 12, most_spots: 400, spacing: 0.15 }
+        Self { least_spots: 9, most_spots: 400, spacing: 0.2 }
     }
 }
 

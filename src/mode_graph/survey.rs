@@ -80,21 +80,25 @@ impl Surveyor<'_> {
             if !self.proof.may_hold(arm, slot.class, &poses) {
                 continue;
             }
-            let picks = match slot.start_of {
-                Some(object) => {
-                    let found = self.reach.holds(RestAction::Pick, arm, object, &slot.pose, slot.surface);
-                    merge(&mut holds.picked[arm.0], &found);
-                    !found.is_empty()
-                }
-                None => self.reach.reaches(RestAction::Pick, arm, member, &slot.pose, slot.surface),
-            };
-            let places = match slot.goal_of {
-                Some(object) => {
-                    let found = self.goal_holds(arm, object, &poses, slot.surface);
-                    merge(&mut holds.placeable[arm.0], &found);
-                    !found.is_empty()
-                }
-                None => self.reach.reaches(RestAction::Place, arm, member, &slot.pose, slot.surface),
+            let picks = slot.start_of.map(|object| {
+                let found = self.reach.holds(RestAction::Pick, arm, object, &slot.pose, slot.surface);
+                merge(&mut holds.picked[arm.0], &found);
+                !found.is_empty()
+            });
+            let places = slot.goal_of.map(|object| {
+                let found = self.goal_holds(arm, object, &poses, slot.surface);
+                merge(&mut holds.placeable[arm.0], &found);
+                !found.is_empty()
+            });
+            // What is not asked of the slot itself follows from the mirror image where it can.
+            let is_mirrored = self.is_mirrored(member);
+            let mirrored = |known: Option<bool>| known.filter(|_| is_mirrored);
+            let mut ask = |action| self.reach.reaches(action, arm, member, &slot.pose, slot.surface);
+            let (picks, places) = match (picks.or(mirrored(places)), places.or(mirrored(picks))) {
+                (Some(picks), Some(places)) => (picks, places),
+                (None, Some(places)) => (ask(RestAction::Pick), places),
+                (Some(picks), None) => (picks, ask(RestAction::Place)),
+                (None, None) => (ask(RestAction::Pick), ask(RestAction::Place)),
             };
             if picks {
                 out.pick.push(arm);
@@ -213,6 +217,7 @@ impl Surveyor<'_> {
         surface: SurfaceId,
     ) -> Vec<ArmId> {
         let tries = if self.problem.objects[object.0].grasps.len() < MANY_GRASPS { 4 } else { 1 };
+        let mirrored = self.is_mirrored(object);
         let mut arms = Vec::new();
         for &arm in reachable {
             if self.control.should_stop() {
@@ -222,7 +227,7 @@ impl Surveyor<'_> {
             let good = poses.iter().take(tries).any(|pose| {
                 self.proof.may_hold(arm, class, std::slice::from_ref(pose))
                     && self.reach.reaches(RestAction::Place, arm, object, pose, surface)
-                    && self.reach.reaches(RestAction::Pick, arm, object, pose, surface)
+                    && (mirrored || self.reach.reaches(RestAction::Pick, arm, object, pose, surface))
             });
             if good {
                 arms.push(arm);
@@ -231,8 +236,15 @@ impl Surveyor<'_> {
         arms
     }
 
-    /// Adds the holds that `group`'s arms have at one of its spots, and those in which objects of
-    /// the class are held at the start.
+    /// Whether a place is a pick backwards in time: the same contact, the same lines with the same
+    /// hand, empty or full, when they are equally long. Then one answer does for both.
+    fn is_mirrored(&self, object: ObjectId) -> bool {
+        let object = &self.problem.objects[object.0];
+        object.approach == object.retreat
+    }
+
+    /// Adds the holds that `group`'s arms have at one of its spots, for arms of which none is known
+    /// from slots.
     pub(super) fn group_holds(
         &mut self,
         group: &Group,
@@ -249,10 +261,14 @@ impl Surveyor<'_> {
                 self.complete = false;
                 return;
             }
-            let picks = self.reach.holds(RestAction::Pick, arm, object, pose, surface);
-            merge(&mut holds.picked[arm.0], &picks);
-            let places = self.reach.holds(RestAction::Place, arm, object, pose, surface);
-            merge(&mut holds.placeable[arm.0], &places);
+            if holds.picked[arm.0].is_empty() {
+                let picks = self.reach.holds(RestAction::Pick, arm, object, pose, surface);
+                merge(&mut holds.picked[arm.0], &picks);
+            }
+            if holds.placeable[arm.0].is_empty() {
+                let places = self.reach.holds(RestAction::Place, arm, object, pose, surface);
+                merge(&mut holds.placeable[arm.0], &places);
+            }
         }
     }
 
