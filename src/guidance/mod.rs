@@ -18,13 +18,18 @@ mod from_mode_graph;
 pub mod generate;
 mod guide;
 mod instance;
+mod interruptible;
+#[cfg(test)]
+mod known;
 mod memo;
 mod network;
 #[cfg(test)]
 mod oracle;
+mod program;
 mod relaxation;
 mod repair;
 mod route;
+mod single_call;
 mod solution;
 mod solver;
 mod timetable;
@@ -38,5 +43,6 @@ pub use instance::{
 };
 pub use memo::Memo;
 pub use network::Network;
+pub use single_call::{SingleCallError, single_call};
 pub use solution::{Answer, Certificate, Infeasible, Move, Proof, Solution};
 pub use solver::{Effort, solve};

@@ -211,6 +211,85 @@ fn bounds_without_exhaustive_search_hold() {
     assert!(tally.proved * 10 >= tally.feasible * 7, "the bounds close too few gaps: {tally:?}");
 }
 
+/// Only the integer program closes gaps, and it may spend what it likes.
+fn program_only() -> Effort {
+    Effort {
+        states: 0,
+        first_refutations: 0,
+        refutations: 0,
+        repair_rounds: 20,
+        program_iterations: u64::MAX,
+        program_nodes: u64::MAX,
+        ..Effort::quick()
+    }
+}
+
+#[test]
+fn the_integer_program_finds_what_brute_force_finds() {
+    let mut tally = Tally::default();
+    let mut rng = Seed(12).stream("guidance/oracle");
+    for case in 0..300 {
+        let instance = random_instance(&mut rng);
+        let answer = solve_from_start(&instance, &Cuts::none(), &program_only(), case);
+        compare(&instance, brute_force(&instance), &answer, &mut tally);
+    }
+    assert!(tally.feasible > 100);
+    let solved = tally.feasible + tally.infeasible - tally.unsolved - tally.refuted;
+    assert_eq!(tally.proved, solved, "{tally:?}");
+}
+
+#[test]
+fn the_program_decides_every_horizon_like_brute_force() {
+    let mut rng = Seed(13).stream("guidance/oracle");
+    let control = Control::unbounded();
+    let (mut yes, mut no) = (0, 0);
+    for _ in 0..400 {
+        let instance = random_instance(&mut rng);
+        let Some(optimum) = brute_force(&instance).filter(|&steps| steps > 0) else { continue };
+        let network = Network::new(instance.clone()).unwrap();
+        let start: Vec<u16> = instance.start().iter().map(|node| node.0 as u16).collect();
+        let reach = bounds::Reach::new(&network, &start);
+        let limits = interruptible::Limits { control: &control, iterations: u64::MAX, nodes: u64::MAX };
+        for horizon in [optimum - 1, optimum] {
+            if horizon == 0 {
+                continue;
+            }
+            let merge = program::Commodities::Kinds;
+            match program::decide(&network, &start, &reach, horizon, merge, &limits) {
+                program::Outcome::Routes(_) => {
+                    assert_eq!(horizon, optimum, "{instance:?}");
+                    yes += 1;
+                }
+                program::Outcome::Infeasible => {
+                    assert!(horizon < optimum, "{instance:?}");
+                    no += 1;
+                }
+                program::Outcome::Limit | program::Outcome::Unclear => panic!("no verdict at {horizon} steps: {instance:?}"),
+            }
+        }
+    }
+    assert!(yes > 80 && no > 50, "{yes} {no}");
+}
+
+#[test]
+fn the_papers_single_call_gives_legal_plans_and_knows_what_is_too_short() {
+    let mut rng = Seed(14).stream("guidance/oracle");
+    let mut solved = 0;
+    for _ in 0..200 {
+        let instance = random_instance(&mut rng);
+        let Some(optimum) = brute_force(&instance).filter(|&steps| steps > 1) else { continue };
+        let network = Network::new(instance.clone()).unwrap();
+        let state = instance.start();
+        let plan = single_call(&network, &state, optimum + 1, 60.0).unwrap();
+        check(&instance, &plan).unwrap();
+        assert!((optimum..=optimum + 1).contains(&plan.steps.len()));
+        let short = single_call(&network, &state, optimum - 1, 60.0);
+        assert_eq!(short, Err(SingleCallError::Infeasible(optimum - 1)), "{instance:?}");
+        solved += 1;
+    }
+    assert!(solved > 20, "{solved}");
+}
+
 #[test]
 fn smart_guidance_leads_to_the_goal_in_the_steps_it_promises() {
     let mut rng = Seed(9).stream("guidance/oracle");

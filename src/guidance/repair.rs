@@ -74,14 +74,13 @@ impl<'a> Repair<'a> {
         self.search.all_slots = all;
     }
 
-    /// Takes over the routes of a plan found elsewhere, given as its states.
-    pub(super) fn adopt(&mut self, states: &[Vec<u16>], cuts: &Cuts) {
-        let horizon = states.len() - 1;
+    /// Takes over routes found elsewhere, one per object and equally long.
+    pub(super) fn take_over(&mut self, routes: Vec<Route>, cuts: &Cuts) {
+        let horizon = routes.first().map_or(0, |route| route.len() - 1);
         self.timetable.reset(self.network, horizon);
         self.tolls = Tolls::new(self.network, cuts, horizon);
-        let count = self.network.object_count();
-        self.routes = (0..count).map(|object| states.iter().map(|state| state[object]).collect()).collect();
-        for object in 0..count {
+        self.routes = routes;
+        for object in 0..self.routes.len() {
             self.enter(object);
         }
     }

@@ -7,7 +7,9 @@ use super::bounds::{Reach, static_load};
 use super::cuts::Cuts;
 use super::exhaustive::{Exhaustive, Verdict};
 use super::instance::{InstanceError, NodeId};
+use super::interruptible::Limits;
 use super::network::Network;
+use super::program::{Commodities, Outcome, decide};
 use super::relaxation::Relaxation;
 use super::repair::Repair;
 use super::solution::{Answer, Certificate, Infeasible, Proof, Solution};
@@ -25,10 +27,17 @@ pub struct Effort {
     pub repair_rounds: usize,
     /// Rounds of the relaxation spent on the shortest horizon that is still open.
     pub refutations: usize,
+    /// Bound on each batch of either kind of rounds: how many pairs of a node and a step the routes
+    /// planned in it may look at together. Keeps large instances from taking long.
+    pub batch: usize,
     /// States that the exhaustive search may expand in all.
     pub states: usize,
     /// Neighbourhoods spent on less weight at the final number of steps.
     pub polish_rounds: usize,
+    /// Iterations of linear programs that the integer program may spend on each horizon; 0: none.
+    pub program_iterations: u64,
+    /// Nodes of its tree.
+    pub program_nodes: u64,
 }
 
 impl Effort {
@@ -39,8 +48,11 @@ impl Effort {
             first_refutations: 60,
             repair_rounds: 200,
             refutations: 100,
+            batch: 3_000_000,
             states: 2_000,
             polish_rounds: 16,
+            program_iterations: 0,
+            program_nodes: 0,
         }
     }
 
@@ -51,8 +63,11 @@ impl Effort {
             first_refutations: 60,
             repair_rounds: 4_000,
             refutations: 1_500,
+            batch: 60_000_000,
             states: 100_000,
             polish_rounds: 100,
+            program_iterations: 400_000,
+            program_nodes: 20_000,
         }
     }
 }
@@ -99,7 +114,9 @@ pub fn solve(
         cuts,
         effort,
         control,
+        reach: &reach,
         lower,
+        proof: Proof::Bounds,
         repair: Repair::new(network, &start, seed.stream("guidance/repair")),
         relaxation,
         exhaustive: Exhaustive::new(network),
@@ -113,6 +130,8 @@ pub fn solve(
 const OPENING: usize = 6;
 /// States that the exhaustive search expands at each horizon before a longer one is tried.
 const FIRST_STATES: usize = 150;
+/// Objects in a neighbourhood, on average.
+const USUAL_NEIGHBOURHOOD: usize = 6;
 /// Horizons that fail before it is suspected that there is no plan at all.
 const SUSPICIOUS: usize = 5;
 /// States looked at upon that suspicion.
@@ -124,6 +143,9 @@ struct Run<'a> {
     cuts: &'a Cuts,
     effort: &'a Effort,
     control: &'a Control,
+    reach: &'a Reach,
+    /// How `lower` was found.
+    proof: Proof,
     /// No plan has fewer steps (cuts aside); the horizon at which `relaxation` works.
     lower: usize,
     repair: Repair<'a>,
@@ -144,11 +166,64 @@ impl Run<'_> {
             return Answer::Infeasible(reason);
         }
         self.close();
-        answer(self.best, self.lower, Proof::Bounds, self.cuts)
+        if self.effort.program_iterations > 0 {
+            self.decide();
+        }
+        answer(self.best, self.lower, self.proof, self.cuts)
+    }
+
+    /// Asks the integer program about one step less than the best plan, until that is impossible.
+    fn decide(&mut self) {
+        let limits = Limits {
+            control: self.control,
+            iterations: self.effort.program_iterations,
+            nodes: self.effort.program_nodes,
+        };
+        let mut merge = Commodities::Twins;
+        while self.best.is_some() && !self.is_over() {
+            let horizon = self.steps() - 1;
+            match decide(self.network, self.start, self.reach, horizon, merge, &limits) {
+                Outcome::Infeasible => {
+                    self.lower = horizon + 1;
+                    self.proof = Proof::Ilp;
+                }
+                Outcome::Routes(routes) => {
+                    self.repair.all_slots(true);
+                    self.repair.take_over(routes, self.cuts);
+                    if self.repair.run(self.effort.repair_rounds, self.control) {
+                        self.keep();
+                    } else if merge == Commodities::Twins {
+                        merge = Commodities::Kinds;
+                    } else {
+                        return;
+                    }
+                }
+                Outcome::Unclear if merge == Commodities::Twins => merge = Commodities::Kinds,
+                Outcome::Unclear | Outcome::Limit => return,
+            }
+        }
     }
 
     fn steps(&self) -> usize {
         self.best.as_ref().map_or(usize::MAX, |best| best.steps.len())
+    }
+
+    /// How many of `rounds` rounds that plan `routes` routes each fit into one batch.
+    fn affordable(&self, rounds: usize, routes: usize, horizon: usize) -> usize {
+        let each = (routes * self.network.node_count() * horizon).max(1);
+        rounds.min((self.effort.batch / each).max(1))
+    }
+
+    /// Repairs the current routes at `horizon`.
+    fn mend(&mut self, rounds: usize, horizon: usize) -> bool {
+        let rounds = self.affordable(rounds, USUAL_NEIGHBOURHOOD, horizon);
+        self.repair.run(rounds, self.control)
+    }
+
+    /// Tries to refute the horizon `lower`.
+    fn refute(&mut self, rounds: usize) -> bool {
+        let rounds = self.affordable(rounds, self.network.object_count(), self.lower);
+        self.relaxation.refute(self.network, self.start, rounds)
     }
 
     /// Whether there is nothing left to do, or no leave to do it.
@@ -184,11 +259,11 @@ impl Run<'_> {
                 return Some(reason);
             }
             self.repair.all_slots(false);
-            if self.repair.begin(horizon, self.cuts, false) && self.repair.run(OPENING, self.control) {
+            if self.repair.begin(horizon, self.cuts, false) && self.mend(OPENING, horizon) {
                 self.keep();
                 return None;
             }
-            if !open && self.relaxation.refute(self.network, self.start, self.effort.first_refutations / 4) {
+            if !open && self.refute(self.effort.first_refutations / 4) {
                 self.raise_lower();
                 horizon += 1;
                 continue;
@@ -200,18 +275,18 @@ impl Run<'_> {
                 horizon += 1;
                 continue;
             }
-            if self.repair.run(self.effort.first_rounds, self.control) {
+            if self.mend(self.effort.first_rounds, horizon) {
                 self.keep();
                 return None;
             }
-            if !open && self.relaxation.refute(self.network, self.start, self.effort.first_refutations) {
+            if !open && self.refute(self.effort.first_refutations) {
                 self.raise_lower();
                 horizon += 1;
                 continue;
             }
             self.repair.all_slots(true);
             if self.repair.begin(horizon, self.cuts, true)
-                && self.repair.run(self.effort.first_rounds, self.control)
+                && self.mend(self.effort.first_rounds, horizon)
             {
                 self.keep();
                 return None;
@@ -242,7 +317,9 @@ impl Run<'_> {
         self.states -= states;
         match exhaustive.within(self.start, horizon, states) {
             Verdict::Found(states) => {
-                self.repair.adopt(&states, self.cuts);
+                let objects = 0..self.network.object_count();
+                let routes = objects.map(|object| states.iter().map(|state| state[object]).collect());
+                self.repair.take_over(routes.collect(), self.cuts);
                 self.keep();
                 true
             }
@@ -268,7 +345,7 @@ impl Run<'_> {
             self.repair.all_slots(share % 2 == 0);
             if rounds > 0
                 && self.repair.begin(horizon, self.cuts, true)
-                && self.repair.run(rounds, self.control)
+                && self.mend(rounds, horizon)
             {
                 self.keep();
                 (repairs, share) = (self.effort.repair_rounds, 1);
@@ -276,7 +353,7 @@ impl Run<'_> {
             }
             let rounds = (8 * share).min(refutations);
             refutations -= rounds;
-            if self.relaxation.refute(self.network, self.start, rounds) {
+            if self.refute(rounds) {
                 self.raise_lower();
                 refutations = self.effort.refutations;
                 continue;
