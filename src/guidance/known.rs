@@ -175,15 +175,9 @@ fn cuts_are_avoided_where_that_is_cheaper_and_expire() {
     // A pair of actions in one step is kept apart, at the price of no more than its penalty.
     let both = grid(2, 2).side_to_side(2);
     let network = Network::new(both.clone()).unwrap();
-    let free = solve(
-        &network,
-        &both.start(),
-        &Cuts::none(),
-        &Effort::quick(),
-        Seed(0),
-        &Control::unbounded(),
-    )
-    .unwrap();
+    let free =
+        solve(&network, &both.start(), &Cuts::none(), &Effort::quick(), Seed(0), &Control::unbounded())
+            .unwrap();
     let step = free.solution().unwrap().steps.iter().find(|step| step.len() == 2).unwrap().clone();
     let mut cuts = Cuts::none();
     cuts.add(CutKind::Pair(step[1], step[0]), 4, 2);
@@ -243,10 +237,7 @@ fn the_checker_names_each_broken_rule() {
     );
     assert_eq!(replay(&instance, &[&[(0, 1, 0)]]), Err(Violation::NotThere { step: 1, object: 0 }));
     assert_eq!(replay(&instance, &[&[(0, 3, 1)]]), Err(Violation::NoSuchEdge { step: 1, object: 0 }));
-    assert_eq!(
-        replay(&instance, &[&[(0, 3, 0), (1, 2, 0)]]),
-        Err(Violation::ArmTwice { step: 1, node: 0 })
-    );
+    assert_eq!(replay(&instance, &[&[(0, 3, 0), (1, 2, 0)]]), Err(Violation::ArmTwice { step: 1, node: 0 }));
     assert_eq!(
         replay(&instance, &[&[(0, 3, 0)], &[(0, 0, 1)]]),
         Err(Violation::OverConflict { step: 2, set: 0 })

@@ -185,12 +185,12 @@ fn solve_from_start(instance: &Instance, cuts: &Cuts, effort: &Effort, seed: u64
 fn bound_optimum_and_plan_are_in_order_on_random_instances() {
     let mut tally = Tally::default();
     let mut rng = Seed(7).stream("guidance/oracle");
-    for case in 0..2500 {
+    for case in 0..2000 {
         let instance = random_instance(&mut rng);
         let answer = solve_from_start(&instance, &Cuts::none(), &Effort::quick(), case);
         compare(&instance, brute_force(&instance), &answer, &mut tally);
     }
-    assert!(tally.feasible > 1000 && tally.infeasible > 1000, "{tally:?}");
+    assert!(tally.feasible > 800 && tally.infeasible > 800, "{tally:?}");
     // On instances as small as these nothing may be left open.
     assert_eq!(tally.unsolved, 0, "{tally:?}");
     assert_eq!((tally.proved, tally.refuted), (tally.feasible, tally.infeasible), "{tally:?}");
@@ -264,7 +264,9 @@ fn the_program_decides_every_horizon_like_brute_force() {
                     assert!(horizon < optimum, "{instance:?}");
                     no += 1;
                 }
-                program::Outcome::Limit | program::Outcome::Unclear => panic!("no verdict at {horizon} steps: {instance:?}"),
+                program::Outcome::Limit | program::Outcome::Unclear => {
+                    panic!("no verdict at {horizon} steps: {instance:?}")
+                }
             }
         }
     }

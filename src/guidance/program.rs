@@ -152,12 +152,7 @@ struct Program {
 }
 
 impl Program {
-    fn build(
-        network: &Network,
-        start: &[u16],
-        commodities: &[Commodity],
-        horizon: usize,
-    ) -> Option<Self> {
+    fn build(network: &Network, start: &[u16], commodities: &[Commodity], horizon: usize) -> Option<Self> {
         let mut problem = RowProblem::default();
         let mut flows = Vec::new();
         let width = network.capacities.len();

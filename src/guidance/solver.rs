@@ -285,9 +285,7 @@ impl Run<'_> {
                 continue;
             }
             self.repair.all_slots(true);
-            if self.repair.begin(horizon, self.cuts, true)
-                && self.mend(self.effort.first_rounds, horizon)
-            {
+            if self.repair.begin(horizon, self.cuts, true) && self.mend(self.effort.first_rounds, horizon) {
                 self.keep();
                 return None;
             }
@@ -343,10 +341,7 @@ impl Run<'_> {
             let rounds = (16 * share).min(repairs);
             repairs -= rounds;
             self.repair.all_slots(share % 2 == 0);
-            if rounds > 0
-                && self.repair.begin(horizon, self.cuts, true)
-                && self.mend(rounds, horizon)
-            {
+            if rounds > 0 && self.repair.begin(horizon, self.cuts, true) && self.mend(rounds, horizon) {
                 self.keep();
                 (repairs, share) = (self.effort.repair_rounds, 1);
                 continue;
