@@ -11,7 +11,7 @@ fn main() {
     );
     tracing_subscriber::fmt().with_writer(std::io::stderr).init();
     let mut doc = scenario::generate(family.parse().unwrap(), arms, objects, seed).unwrap();
-    doc["options"] = serde_json::json!({"seed": seed, "time_budget_s": budget});
+    doc["options"] = serde_json::json!({"seed": seed, "time_budget_s": budget, "stop": {"first_solution": std::env::var("FIRST").is_ok()}});
     let bytes = serde_json::to_vec(&doc).unwrap();
     let t = std::time::Instant::now();
     let read = wire::read_problem(&bytes, &wire::LibraryOnly, &wire::ReadLimits::default())

@@ -2,7 +2,6 @@
 
 mod event;
 mod pipeline;
-mod rough;
 
 pub use event::{Outcome, PlannerEvent, Termination};
 pub use pipeline::plan;

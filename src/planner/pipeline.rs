@@ -5,6 +5,7 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
 use crate::collision::CollisionWorld;
 use crate::guidance::{Answer, Certificate, Cuts, Effort, Instance, Network, Proof, solve};
+use crate::mode_graph::{ModeGraphOptions, build_mode_graph, optimistic_mode_graph};
 use crate::plan::{Metrics, Plan, StepsProof};
 use crate::problem::{Objective, Problem};
 use crate::run::{CancelToken, Control, Seed};
@@ -35,8 +36,13 @@ pub fn plan(
     let world = CollisionWorld::new(problem);
     progress(observe, "mode_graph");
     let mut reach = SampledReach::new(problem, &world, seed);
-    let graph = super::rough::rough(problem, &mut reach);
-    let bound = Bound { steps: 0, infeasible: false };
+    let graph = build_mode_graph(problem, &mut reach, &ModeGraphOptions::default(), control);
+    let bound = lower_bound(problem, seed, control);
+    if bound.infeasible {
+        let why = "no sequence of picks, places and handoffs leads to the goals, even if the arms \
+                   reached everything within their greatest reach";
+        return failed(Termination::Infeasible, why.to_owned());
+    }
     let contacts = reach.into_contacts();
     let map = match Map::new(graph) {
         Ok(map) => map,
@@ -66,6 +72,19 @@ pub fn plan(
     };
     run.search_with(problem.options.threads.max(1), contacts, seed);
     run.outcome()
+}
+
+/// What the optimistic graph proves about every synchronised plan.
+fn lower_bound(problem: &Problem, seed: Seed, control: &Control) -> Bound {
+    let unknown = Bound { steps: 0, infeasible: false };
+    let Ok(network) = Network::new(Instance::from(&optimistic_mode_graph(problem))) else { return unknown };
+    let start = network.instance().start();
+    match solve(&network, &start, &Cuts::none(), &Effort::quick(), seed, control) {
+        Ok(Answer::Solved(_, certificate)) => Bound { steps: certificate.lower_bound, infeasible: false },
+        Ok(Answer::Infeasible(_)) => Bound { steps: 0, infeasible: true },
+        Ok(Answer::Unknown { lower_bound }) => Bound { steps: lower_bound, infeasible: false },
+        Err(_) => unknown,
+    }
 }
 
 /// A run that ends before the search begins.

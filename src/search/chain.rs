@@ -9,6 +9,7 @@ use rand::seq::IndexedRandom;
 
 use crate::collision::{CollisionWorld, Scene};
 use crate::geometry::Pose;
+use crate::guidance::NodeId;
 use crate::kinematics::Config;
 use crate::problem::Problem;
 use crate::run::Rng;
@@ -31,6 +32,9 @@ pub(super) struct Chain {
     pub(super) handoffs: Vec<HandoffContact>,
     /// Where it is put down.
     pub(super) target: (Pose, SurfaceId),
+    /// The node of the mode graph there, and the one that the guide wanted.
+    pub(super) node: NodeId,
+    pub(super) wanted: NodeId,
 }
 
 /// What a chain is asked for.
@@ -45,6 +49,9 @@ pub(super) struct ChainRequest<'a> {
     pub(super) arms_at: &'a [Config],
     /// The other objects at rest when it is put down, as far as known.
     pub(super) scene: &'a Scene,
+    /// The node of the targets, and the one that the guide wants.
+    pub(super) node: NodeId,
+    pub(super) wanted: NodeId,
 }
 
 /// Grounds chains.
@@ -64,7 +71,10 @@ impl ChainPlanner<'_, '_> {
         let place = |arm| query(ContactKind::Place, arm, request.object, target);
         let start: Vec<Hold> = match request.from {
             Whereabouts::Resting { pose, surface } => {
-                self.contacts.holds(&query(ContactKind::Pick, first, request.object, (*pose, *surface)))
+                let pick = query(ContactKind::Pick, first, request.object, (*pose, *surface));
+                let clear = self.contacts.clear_holds(&pick, request.scene);
+                // What is in the way now may have gone by then.
+                if clear.is_empty() { self.contacts.holds(&pick) } else { clear }
             }
             Whereabouts::Held { object_in_tcp, .. } => vec![(usize::MAX, *object_in_tcp)],
         };
@@ -77,7 +87,8 @@ impl ChainPlanner<'_, '_> {
                 .filter(|(_, hold)| !self.contacts.at(&place(first), hold).is_empty())
                 .collect();
             let hold = self.cheapest_hold(request, first, &target, &fitting)?;
-            return Some(Chain { carriers: vec![(first, hold)], handoffs: Vec::new(), target });
+            let (node, wanted) = (request.node, request.wanted);
+            return Some(Chain { carriers: vec![(first, hold)], handoffs: Vec::new(), target, node, wanted });
         }
         let any: Vec<Hold> = self.problem.objects[request.object.0]
             .grasps
@@ -85,7 +96,10 @@ impl ChainPlanner<'_, '_> {
             .enumerate()
             .map(|(number, grasp)| (number, grasp.object_in_tcp))
             .collect();
-        let mut receiver_holds = self.contacts.holds(&place(last));
+        let mut receiver_holds = self.contacts.clear_holds(&place(last), request.scene);
+        if receiver_holds.is_empty() {
+            receiver_holds = self.contacts.holds(&place(last));
+        }
         let mut carriers = Vec::new();
         let mut handoffs = Vec::new();
         for hop in (0..request.arms.len() - 1).rev() {
@@ -114,7 +128,7 @@ impl ChainPlanner<'_, '_> {
         }
         carriers.reverse();
         handoffs.reverse();
-        Some(Chain { carriers, handoffs, target })
+        Some(Chain { carriers, handoffs, target, node: request.node, wanted: request.wanted })
     }
 
     /// The first target (up to symmetry) that is free and that the last arm can serve.

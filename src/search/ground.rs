@@ -4,7 +4,7 @@
 use std::collections::BTreeMap;
 
 use rand::Rng as _;
-use rand::seq::IndexedRandom;
+use rand::seq::{IndexedRandom, SliceRandom};
 
 use crate::collision::{CollisionWorld, Exemption, Held, Scene};
 use crate::geometry::Pose;
@@ -21,6 +21,9 @@ use super::chain::{Chain, ChainPlanner, ChainRequest, query};
 use super::map::Map;
 use super::settings::Settings;
 use super::tree::{Vertex, Whereabouts};
+
+/// Buffer poses tried for one detour.
+const DETOUR_TARGETS: usize = 12;
 
 /// Why a step could not be grounded.
 #[derive(Debug, Clone, PartialEq)]
@@ -43,6 +46,8 @@ pub(super) struct Grounding {
     /// Where the objects are afterwards.
     pub(super) objects: Vec<Whereabouts>,
     pub(super) chains: BTreeMap<usize, Chain>,
+    /// The nodes at which objects were put down, which may be others than the guide's.
+    pub(super) landed: BTreeMap<usize, NodeId>,
 }
 
 /// Samples transitions.
@@ -55,6 +60,8 @@ pub(super) struct Grounder<'a> {
     rng: Rng,
     handoff_tries: usize,
     fresh: f64,
+    /// How often no chain was found for an object along a sequence of arms to a node.
+    barren: BTreeMap<(usize, Vec<ArmId>, NodeId), u32>,
 }
 
 impl<'a> Grounder<'a> {
@@ -74,6 +81,7 @@ impl<'a> Grounder<'a> {
             rng: seed.stream("grounding"),
             handoff_tries: settings.handoff_tries,
             fresh: settings.fresh_transitions,
+            barren: BTreeMap::new(),
         }
     }
 
@@ -95,6 +103,7 @@ impl<'a> Grounder<'a> {
             waits: BTreeMap::new(),
             objects: vertex.objects.clone(),
             chains: BTreeMap::new(),
+            landed: BTreeMap::new(),
         };
         for action in &guide.immediate {
             let chain = self
@@ -170,14 +179,12 @@ impl<'a> Grounder<'a> {
                 }
             }
         }
-        let poses = self.map.placements(object, end?);
+        let end = end?;
         let renew = anew && self.rng.random_bool(0.5);
         if let Some(known) = chains.get(&object)
             && !renew
             && known.carriers.iter().map(|(arm, _)| *arm).eq(arms.iter().copied())
-            && poses
-                .iter()
-                .any(|(pose, _)| (pose.translation.vector - known.target.0.translation.vector).norm() < 1e-9)
+            && (known.node == end || known.wanted == end)
         {
             return Some(known.clone());
         }
@@ -189,24 +196,51 @@ impl<'a> Grounder<'a> {
                 others.resting.push((ObjectId(*other), chain.target.0));
             }
         }
-        let request = ChainRequest {
-            object: ObjectId(object),
-            from: &vertex.objects[object],
-            arms: &arms,
-            targets: &poses,
-            arms_at: now,
-            scene: &others,
-        };
-        let mut planner = ChainPlanner {
-            problem: self.problem,
-            world: self.world,
-            contacts: &mut self.contacts,
-            rng: &mut self.rng,
-            handoff_tries: self.handoff_tries,
-        };
-        let chain = planner.plan(&request)?;
-        chains.insert(object, chain.clone());
-        Some(chain)
+        let last = *arms.last()?;
+        let key = (object, arms.clone(), end);
+        let failures = self.barren.get(&key).copied().unwrap_or(0);
+        let mut ends = Vec::new();
+        if failures < 3 || self.rng.random_bool(self.fresh) {
+            ends.push(end);
+        }
+        // Where grasps do not fit together all the way, the object is put down on a buffer once,
+        // to be taken up in another way.
+        let mut detours = self.map.regions_of(object, last);
+        detours.retain(|&node| node != end);
+        detours.shuffle(&mut self.rng);
+        if failures >= 2 {
+            ends.extend(detours);
+        }
+        for node in ends {
+            let mut targets = self.map.placements(object, node);
+            if node != end {
+                targets.shuffle(&mut self.rng);
+                targets.truncate(DETOUR_TARGETS);
+            }
+            let request = ChainRequest {
+                object: ObjectId(object),
+                from: &vertex.objects[object],
+                arms: &arms,
+                targets: &targets,
+                arms_at: now,
+                scene: &others,
+                node,
+                wanted: end,
+            };
+            let mut planner = ChainPlanner {
+                problem: self.problem,
+                world: self.world,
+                contacts: &mut self.contacts,
+                rng: &mut self.rng,
+                handoff_tries: self.handoff_tries,
+            };
+            if let Some(chain) = planner.plan(&request) {
+                chains.insert(object, chain.clone());
+                return Some(chain);
+            }
+        }
+        *self.barren.entry(key).or_default() += 1;
+        None
     }
 
     fn ground_action(
@@ -219,13 +253,21 @@ impl<'a> Grounder<'a> {
         out: &mut Grounding,
     ) -> Option<()> {
         let object = ObjectId(action.object);
+        let around = scene(vertex);
         let touching = Exemption { hand_with: Some(object), held_with: None };
         let (arm, hold) = *chain.carriers.first()?;
         match (self.map.arm(action.from), self.map.arm(action.to)) {
             (None, Some(_)) => {
                 let Whereabouts::Resting { pose, surface } = vertex.objects[object.0] else { return None };
-                let contact =
-                    self.contact(ContactKind::Pick, arm, object, (pose, surface), &hold, &now[arm.0])?;
+                let contact = self.contact(
+                    ContactKind::Pick,
+                    arm,
+                    object,
+                    (pose, surface),
+                    &hold,
+                    &now[arm.0],
+                    &around,
+                )?;
                 goals[arm.0] = Some(ArmGoal::Contact {
                     q: contact.q.clone(),
                     approach: Some(contact.approach.clone()),
@@ -239,8 +281,15 @@ impl<'a> Grounder<'a> {
             }
             (Some(_), None) => {
                 let (pose, surface) = chain.target;
-                let contact =
-                    self.contact(ContactKind::Place, arm, object, (pose, surface), &hold, &now[arm.0])?;
+                let contact = self.contact(
+                    ContactKind::Place,
+                    arm,
+                    object,
+                    (pose, surface),
+                    &hold,
+                    &now[arm.0],
+                    &around,
+                )?;
                 goals[arm.0] = Some(ArmGoal::Contact {
                     q: contact.q.clone(),
                     approach: Some(contact.approach.clone()),
@@ -254,6 +303,7 @@ impl<'a> Grounder<'a> {
                     ActionKind::Place { arm, object_in_tcp: hold, object_pose: pose, surface },
                 ));
                 out.objects[object.0] = Whereabouts::Resting { pose, surface };
+                out.landed.insert(object.0, chain.node);
             }
             (Some(_), Some(_)) => {
                 let (to_arm, to_hold) = *chain.carriers.get(1)?;
@@ -293,12 +343,19 @@ impl<'a> Grounder<'a> {
         at: (Pose, SurfaceId),
         hold: &Pose,
         now: &Config,
+        scene: &Scene,
     ) -> Option<Contact> {
         let asked = query(kind, arm, object, at);
         if self.rng.random_bool(self.fresh) {
             self.contacts.more(&asked, hold);
         }
-        let known = self.contacts.at(&asked, hold);
+        let known: Vec<Contact> = self
+            .contacts
+            .at(&asked, hold)
+            .iter()
+            .filter(|contact| self.contacts.is_clear(&asked, contact, scene))
+            .cloned()
+            .collect();
         if self.rng.random_bool(0.3) {
             return known.choose(&mut self.rng).cloned();
         }
@@ -320,6 +377,7 @@ impl<'a> Grounder<'a> {
         chains: &mut BTreeMap<usize, Chain>,
     ) -> Option<Config> {
         let object = ObjectId(action.object);
+        let around = scene(vertex);
         let chain = self.chain(vertex, guide, action.object, now, false, chains)?;
         let position = chain.carriers.iter().position(|(carrier, _)| *carrier == arm)?;
         let (_, hold) = chain.carriers[position];
@@ -334,6 +392,7 @@ impl<'a> Grounder<'a> {
                     (pose, surface),
                     &hold,
                     &now[arm.0],
+                    &around,
                 )?)
             }
             (Some(_), None) => before_contact(&self.contact(
@@ -343,6 +402,7 @@ impl<'a> Grounder<'a> {
                 chain.target,
                 &hold,
                 &now[arm.0],
+                &around,
             )?),
             (Some(_), Some(_)) => {
                 if position > 0 && self.map.arm(action.to) == Some(arm) {

@@ -47,17 +47,22 @@ impl Map {
             .collect()
     }
 
+    /// The regions where `arm` can put `object` aside.
+    pub(super) fn regions_of(&self, object: usize, arm: ArmId) -> Vec<NodeId> {
+        let Some(class) = self.graph.objects.get(object).map(|o| o.class) else { return Vec::new() };
+        let from = self.graph.arm_node(arm);
+        let is_region =
+            |node: usize| matches!(self.graph.nodes.get(node).map(|n| &n.place), Some(Place::Region(_)));
+        self.graph
+            .edges
+            .iter()
+            .filter(|edge| edge.from == from && edge.class == class && is_region(edge.to))
+            .map(|edge| NodeId(edge.to))
+            .collect()
+    }
+
     /// A name of the node for people.
     pub(super) fn name(&self, node: NodeId, problem: &Problem) -> String {
-        let surface = |id: SurfaceId| problem.workcell.surfaces.get(id.0).map_or("?", |s| s.id.as_str());
-        match self.graph.nodes.get(node.0).map(|node| &node.place) {
-            Some(Place::Arm(arm)) => {
-                problem.workcell.arms.get(arm.0).map_or_else(String::new, |arm| format!("arm {:?}", arm.id))
-            }
-            Some(Place::Slot(slot)) => format!("a place on {:?}", surface(slot.surface)),
-            Some(Place::Region(region)) => format!("a free spot on {:?}", surface(region.surface)),
-            Some(Place::Surface(id)) => format!("{:?}", surface(*id)),
-            None => "nowhere".to_owned(),
-        }
+        self.graph.node_name(problem, node.0)
     }
 }

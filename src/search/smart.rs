@@ -269,7 +269,7 @@ impl<'a> Search<'a> {
         let from = &self.tree[tau];
         let mut mode = from.mode.clone();
         for action in &guide.immediate {
-            mode[action.object] = action.to;
+            mode[action.object] = grounding.landed.get(&action.object).copied().unwrap_or(action.to);
         }
         let mut arms: Vec<ArmState> = motion
             .arms

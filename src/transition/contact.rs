@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use crate::collision::{CollisionWorld, Exemption, Held, Scene};
+use crate::collision::{CollisionWorld, Exemption, Held, Scene, StraightMotion};
 use crate::geometry::{Pose, Vec3};
 use crate::kinematics::Config;
 use crate::problem::Problem;
@@ -48,6 +48,9 @@ pub struct Contact {
     /// The line after it, from the contact outwards.
     pub retreat: Line,
 }
+
+/// Objects farther away (m) than this are in nobody's way while one is picked or placed.
+const NEIGHBOURHOOD: f64 = 0.6;
 
 /// A cache key: kind, arm, class, pose and hold to the bit.
 type Key = (ContactKind, usize, usize, [u64; 7], [u64; 7]);
@@ -114,6 +117,43 @@ impl<'a> Contacts<'a> {
             .map(|(number, grasp)| (number, grasp.object_in_tcp))
             .filter(|(_, hold)| !self.at(query, hold).is_empty())
             .collect()
+    }
+
+    /// Whether a contact and its lines are clear of the other objects at rest in `scene` (the
+    /// object itself may be among them).
+    pub fn is_clear(&self, query: &ContactQuery, contact: &Contact, scene: &Scene) -> bool {
+        let near =
+            |pose: &Pose| (pose.translation.vector - query.pose.translation.vector).norm() < NEIGHBOURHOOD;
+        let others: Vec<(ObjectId, Pose)> =
+            scene.resting.iter().filter(|(id, pose)| *id != query.object && near(pose)).copied().collect();
+        if others.is_empty() {
+            return true;
+        }
+        let surface = &self.problem.workcell.surfaces[query.surface.0];
+        let touching = Exemption { hand_with: Some(query.object), held_with: surface.carrier };
+        let held = Held { object: query.object, object_in_tcp: contact.object_in_tcp };
+        let around = self.world.resting_atoms(&Scene { resting: others });
+        let (holding, without) = match query.kind {
+            ContactKind::Pick => (&contact.retreat, &contact.approach),
+            ContactKind::Place => (&contact.approach, &contact.retreat),
+        };
+        let along = |line: &Line, held: Option<&Held>| {
+            line.waypoints.windows(2).all(|pair| {
+                let motion = StraightMotion::new(&pair[0], &pair[1]);
+                self.world.static_free(query.arm, &motion, held, &around, touching)
+            })
+        };
+        along(holding, Some(&held)) && along(without, None)
+    }
+
+    /// [`Self::holds`] for which some known contact is clear of the objects in `scene`.
+    pub fn clear_holds(&mut self, query: &ContactQuery, scene: &Scene) -> Vec<(usize, Pose)> {
+        let mut holds = self.holds(query);
+        holds.retain(|(_, hold)| {
+            let known = self.at(query, hold);
+            known.iter().any(|contact| self.is_clear(query, contact, scene))
+        });
+        holds
     }
 
     /// Whether the contact can be had by any grasp.
