@@ -248,6 +248,21 @@ impl CollisionWorld {
         true
     }
 
+    /// Whether the hands of two arms (their mount links' rigid groups with the tools) are clear of
+    /// each other when the second's TCP stands at `second_tcp` in the first's TCP frame.
+    pub fn hands_apart(&self, first: ArmId, second: ArmId, second_tcp: &Pose) -> bool {
+        let place = |arm: ArmId, tcp: &Pose| -> Vec<(&Atom, PlacedAtom)> {
+            let model = &self.workcell.arms[arm.0];
+            let mount = tcp * model.tool.tcp.inverse();
+            let atoms = self.arms[arm.0].atoms.iter().filter(|atom| atom.link == model.model.mount);
+            atoms.map(|atom| (&atom.atom, atom.atom.placed(&mount))).collect()
+        };
+        let (ours, theirs) = (place(first, &Pose::identity()), place(second, second_tcp));
+        ours.iter().all(|(a, at)| {
+            theirs.iter().all(|(b, b_at)| a.separation(at, b, b_at, self.clearance) >= self.clearance)
+        })
+    }
+
     fn mover<'a>(
         &'a self,
         arm: ArmId,

@@ -25,11 +25,14 @@ pub struct ModeGraphOptions {
     pub most_spots: usize,
     /// Side (m) of the square of surface for which one spot is wanted; positive.
     pub spacing: f64,
+    /// Whether goal slots may merge into their regions. Then all objects that must end in a region
+    /// are alike to guidance, but an object cannot be told to stop there short of its goal.
+    pub merge_goals: bool,
 }
 
 impl Default for ModeGraphOptions {
     fn default() -> Self {
-        Self { least_spots: 9, most_spots: 400, spacing: 0.2 }
+        Self { least_spots: 9, most_spots: 400, spacing: 0.2, merge_goals: true }
     }
 }
 
@@ -83,7 +86,7 @@ pub fn build_mode_graph(
         surveys.insert(class, ClassSurvey { groups, handovers });
     }
     let complete = surveyor.complete;
-    assemble(problem, &slots, &slot_reach, surveys, complete)
+    assemble(problem, &slots, &slot_reach, surveys, complete, options.merge_goals)
 }
 
 /// The classes of the problem's objects, ascending.
@@ -107,11 +110,12 @@ fn assemble(
     slot_reach: &[SlotReach],
     surveys: BTreeMap<usize, ClassSurvey>,
     complete: bool,
+    merge_goals: bool,
 ) -> ModeGraph {
     let overlaps = slots.overlaps(problem, problem.options.clearance_m, false);
     let mut nodes = arm_nodes(problem);
     // Which region a slot merges into, and each region's place in the list of nodes.
-    let merged = merged_slots(problem, slots, &overlaps, &surveys);
+    let merged = merged_slots(problem, slots, &overlaps, &surveys, merge_goals);
     let mut slot_node: Vec<Option<usize>> = vec![None; slots.slots.len()];
     for (number, slot) in slots.slots.iter().enumerate() {
         if merged[number].is_none() {
@@ -209,6 +213,7 @@ fn merged_slots(
     slots: &Slots,
     overlaps: &[(usize, usize)],
     surveys: &BTreeMap<usize, ClassSurvey>,
+    merge_goals: bool,
 ) -> Vec<Option<(usize, usize)>> {
     let mut merged = vec![None; slots.slots.len()];
     for (&class, survey) in surveys {
@@ -225,7 +230,7 @@ fn merged_slots(
                 let alone = !overlaps.iter().any(|&(a, b)| a == number || b == number);
                 let other_end = match (slot.start_of, slot.goal_of) {
                     (Some(object), None) => slots.goal[object.0],
-                    (None, Some(object)) => slots.start[object.0],
+                    (None, Some(object)) if merge_goals => slots.start[object.0],
                     _ => return false,
                 };
                 alone && !other_end.is_some_and(|other| group.slots.contains(&other))

@@ -36,7 +36,9 @@ pub fn plan(
     let world = CollisionWorld::new(problem);
     progress(observe, "mode_graph");
     let mut reach = SampledReach::new(problem, &world, seed);
-    let graph = build_mode_graph(problem, &mut reach, &ModeGraphOptions::default(), control);
+    // Goals stay apart from their regions, so that an object may be put aside right beside its goal.
+    let options = ModeGraphOptions { merge_goals: false, ..ModeGraphOptions::default() };
+    let graph = build_mode_graph(problem, &mut reach, &options, control);
     let bound = lower_bound(problem, seed, control);
     if bound.infeasible {
         let why = "no sequence of picks, places and handoffs leads to the goals, even if the arms \

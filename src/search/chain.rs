@@ -90,12 +90,6 @@ impl ChainPlanner<'_, '_> {
             let (node, wanted) = (request.node, request.wanted);
             return Some(Chain { carriers: vec![(first, hold)], handoffs: Vec::new(), target, node, wanted });
         }
-        let any: Vec<Hold> = self.problem.objects[request.object.0]
-            .grasps
-            .iter()
-            .enumerate()
-            .map(|(number, grasp)| (number, grasp.object_in_tcp))
-            .collect();
         let mut receiver_holds = self.contacts.clear_holds(&place(last), request.scene);
         if receiver_holds.is_empty() {
             receiver_holds = self.contacts.holds(&place(last));
@@ -104,6 +98,7 @@ impl ChainPlanner<'_, '_> {
         let mut handoffs = Vec::new();
         for hop in (0..request.arms.len() - 1).rev() {
             let (giver, receiver) = (request.arms[hop], request.arms[hop + 1]);
+            let any = if hop == 0 { Vec::new() } else { self.grasps_of(request.object, giver) };
             let giver_holds = if hop == 0 { &start } else { &any };
             let giver_near = self.near(request, giver, hop == 0, &target, false);
             let receiver_near = self.near(request, receiver, false, &target, hop + 2 == request.arms.len());
@@ -129,6 +124,16 @@ impl ChainPlanner<'_, '_> {
         carriers.reverse();
         handoffs.reverse();
         Some(Chain { carriers, handoffs, target, node: request.node, wanted: request.wanted })
+    }
+
+    /// Every grasp of `object` that fits the arm's gripper.
+    fn grasps_of(&self, object: ObjectId, arm: ArmId) -> Vec<Hold> {
+        let opening = self.problem.workcell.arms[arm.0].tool.max_opening;
+        let grasps = self.problem.objects[object.0].grasps.iter().enumerate();
+        grasps
+            .filter(|(_, grasp)| grasp.fits(opening))
+            .map(|(number, grasp)| (number, grasp.object_in_tcp))
+            .collect()
     }
 
     /// The first target (up to symmetry) that is free and that the last arm can serve.

@@ -110,10 +110,12 @@ impl<'a> Contacts<'a> {
     /// The holds (grasp number and object frame in the TCP frame) by which the contact can be had.
     pub fn holds(&mut self, query: &ContactQuery) -> Vec<(usize, Pose)> {
         let problem = self.problem;
+        let opening = problem.workcell.arms[query.arm.0].tool.max_opening;
         let grasps = &problem.objects[query.object.0].grasps;
         grasps
             .iter()
             .enumerate()
+            .filter(|(_, grasp)| grasp.fits(opening))
             .map(|(number, grasp)| (number, grasp.object_in_tcp))
             .filter(|(_, hold)| !self.at(query, hold).is_empty())
             .collect()

@@ -12,6 +12,9 @@ use crate::workcell::{Arm, ArmId, ObjectId};
 
 use super::line::Line;
 
+/// Pairs of holds that are looked at for one query.
+const GREATEST_PAIRS: usize = 400;
+
 /// Which handoff is asked for.
 #[derive(Debug, Clone)]
 pub struct HandoffQuery<'a> {
@@ -70,6 +73,7 @@ pub fn sample_handoffs(
         approach: problem.objects[query.object.0].approach,
         retreat: problem.objects[query.object.0].retreat,
     };
+    let pairs = sampler.compatible_holds(rng);
     let (centre, spread) = sampler.meeting_place();
     let mut found: Vec<HandoffContact> = Vec::new();
     let mut hits = 0;
@@ -79,21 +83,17 @@ pub fn sample_handoffs(
         if hits >= 4 * most {
             break;
         }
-        let (Some(giver_hold), Some(receiver_hold)) =
-            (query.giver_holds.choose(rng), query.receiver_holds.choose(rng))
-        else {
-            break;
-        };
+        let Some(&(giver_hold, receiver_hold)) = pairs.choose(rng) else { break };
         let place = Vec3::from_fn(|i, _| centre[i] + spread[i] * rng.random_range(-1.0..1.0));
         let pose = Pose::from_parts(place.into(), random_rotation(rng));
         let mount =
             |arm: &Arm, hold: &Pose| arm.base.inverse() * pose * hold.inverse() * arm.tool.tcp.inverse();
-        let target = mount(sampler.giver, &giver_hold.1);
+        let target = mount(sampler.giver, &giver_hold);
         sampler.giver.model.inverse(&sampler.giver.limits, &target, 2, rng, &mut giver_solutions);
         if giver_solutions.is_empty() {
             continue;
         }
-        let target = mount(sampler.receiver, &receiver_hold.1);
+        let target = mount(sampler.receiver, &receiver_hold);
         sampler.receiver.model.inverse(&sampler.receiver.limits, &target, 2, rng, &mut receiver_solutions);
         let pairs = giver_solutions.iter().flat_map(|g| receiver_solutions.iter().map(move |r| (g, r)));
         for (giver_q, receiver_q) in pairs {
@@ -101,8 +101,7 @@ pub fn sample_handoffs(
             if found.len() >= most && found.last().is_some_and(|worst| worst.cost <= cost) {
                 continue;
             }
-            if let Some(contact) =
-                sampler.ground((&giver_hold.1, giver_q), (&receiver_hold.1, receiver_q), cost)
+            if let Some(contact) = sampler.ground((&giver_hold, giver_q), (&receiver_hold, receiver_q), cost)
             {
                 hits += 1;
                 let at = found.partition_point(|other| other.cost <= cost);
@@ -125,6 +124,30 @@ struct Sampler<'a> {
 }
 
 impl Sampler<'_> {
+    /// Pairs of holds in which the two hands do not touch each other: this depends on nothing
+    /// else. Of very many pairs a random selection.
+    fn compatible_holds(&self, rng: &mut Rng) -> Vec<(Pose, Pose)> {
+        let (giving, taking) = (self.query.giver_holds, self.query.receiver_holds);
+        let apart = |giver: &Pose, receiver: &Pose| {
+            self.world.hands_apart(self.query.giver, self.query.receiver, &(giver * receiver.inverse()))
+        };
+        let mut pairs = Vec::new();
+        if giving.len() * taking.len() <= GREATEST_PAIRS {
+            for (_, giver) in giving {
+                pairs.extend(taking.iter().filter(|(_, r)| apart(giver, r)).map(|(_, r)| (*giver, *r)));
+            }
+        } else {
+            for _ in 0..GREATEST_PAIRS {
+                if let (Some((_, giver)), Some((_, receiver))) = (giving.choose(rng), taking.choose(rng))
+                    && apart(giver, receiver)
+                {
+                    pairs.push((*giver, *receiver));
+                }
+            }
+        }
+        pairs
+    }
+
     fn cost(&self, giver_q: &[f64], receiver_q: &[f64]) -> f64 {
         let sum =
             |arm: &Arm, near: &[Config], q: &[f64]| near.iter().map(|n| travel_time(arm, n, q)).sum::<f64>();
