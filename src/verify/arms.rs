@@ -1,7 +1,7 @@
 //! All arms with their curves: where tool and links are at a time.
 
 use super::chain::Chain;
-use super::curve::Curve;
+use super::curve::{Curve, Peak};
 use super::gap::Frame;
 use crate::workcell::ArmId;
 
@@ -13,7 +13,12 @@ pub(super) struct Arms {
     q: Vec<f64>,
     excursions: Vec<f64>,
     frames: Vec<Frame>,
+    /// Segments looked at so far.
+    work: u64,
 }
+
+/// The most segments that the judge looks at along straight ways and rests.
+const MAX_WORK: u64 = 100_000_000;
 
 /// Where an arm's TCP is in the middle of a time interval, and how far it can get from there.
 #[derive(Debug, Clone, Copy)]
@@ -29,7 +34,7 @@ pub(super) struct ToolMotion {
 impl Arms {
     /// One chain and one curve per arm.
     pub(super) fn new(chains: Vec<Chain>, curves: Vec<Curve>) -> Self {
-        Self { chains, curves, q: Vec::new(), excursions: Vec::new(), frames: Vec::new() }
+        Self { chains, curves, q: Vec::new(), excursions: Vec::new(), frames: Vec::new(), work: 0 }
     }
 
     /// The end of the plan (s).
@@ -37,14 +42,24 @@ impl Arms {
         self.curves.iter().map(Curve::duration).fold(0.0, f64::max)
     }
 
+    /// Whether more has been looked at than any sensible plan asks for.
+    pub(super) fn exhausted(&self) -> bool {
+        self.work > MAX_WORK
+    }
+
+    /// The greatest joint speed of an arm over `[a, b]`; infinite once [`Self::exhausted`].
+    pub(super) fn peak_speed(&mut self, arm: ArmId, a: f64, b: f64) -> Peak {
+        if self.exhausted() {
+            return Peak { value: f64::INFINITY, t: a };
+        }
+        let curve = &self.curves[arm.0];
+        self.work += curve.segments_between(a, b);
+        curve.peak_speed(a, b)
+    }
+
     /// Number of arms.
     pub(super) fn len(&self) -> usize {
         self.chains.len()
-    }
-
-    /// An arm's curve.
-    pub(super) fn curve(&self, arm: ArmId) -> &Curve {
-        &self.curves[arm.0]
     }
 
     /// An arm's chain.
@@ -63,6 +78,7 @@ impl Arms {
     /// The TCP in the middle of `[a, b]` and its motion over it.
     pub(super) fn tool_motion(&mut self, arm: ArmId, a: f64, b: f64) -> ToolMotion {
         let (chain, curve) = (&self.chains[arm.0], &self.curves[arm.0]);
+        self.work += 10 + curve.segments_between(a, b);
         curve.position(0.5 * (a + b), &mut self.q);
         curve.excursions(a, b, &self.q, &mut self.excursions);
         chain.frames(&self.q, &mut self.frames);
@@ -74,7 +90,7 @@ impl Arms {
     }
 
     /// The frames of all nodes of `arm` in the middle of `[a, b]`, and for every joint how far it
-    /// gets from its value there.
+    /// gets from its value there. Gives the number of segments that were looked at.
     pub(super) fn place(
         &mut self,
         arm: usize,
@@ -82,10 +98,11 @@ impl Arms {
         b: f64,
         frames: &mut Vec<Frame>,
         excursions: &mut Vec<f64>,
-    ) {
+    ) -> u64 {
         let curve = &self.curves[arm];
         curve.position(0.5 * (a + b), &mut self.q);
         curve.excursions(a, b, &self.q, excursions);
         self.chains[arm].frames(&self.q, frames);
+        curve.segments_between(a, b)
     }
 }

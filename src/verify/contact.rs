@@ -5,6 +5,8 @@
 //! throughout; where that does not clear the pair, the interval is halved. Every arm's frames are
 //! computed once per interval for all pairs that are still open there.
 
+use std::collections::BTreeMap;
+
 use super::arms::Arms;
 use super::custody::{Custody, Timeline};
 use super::gap::{Frame, gap, lower_along};
@@ -25,7 +27,7 @@ const FOLLOW: f64 = 0.01;
 /// No interval is halved below this length (s).
 const SHORTEST: f64 = 1e-9;
 /// The most work before the judge gives up, in units of about 5 ns.
-const MAX_WORK: u64 = 4_000_000_000;
+const MAX_WORK: u64 = 1_000_000_000;
 /// What a query, and an arm's frames, cost in these units.
 const QUERY_WORK: u64 = 60;
 const FRAMES_WORK: u64 = 100;
@@ -35,7 +37,6 @@ const MAX_AXES: usize = 64;
 /// An overlap of two bodies.
 #[derive(Debug, Clone, Copy)]
 struct Overlap {
-    bodies: (usize, usize),
     /// The parts that overlap most.
     parts: (usize, usize),
     first: f64,
@@ -92,7 +93,8 @@ struct Inspector<'a, 'p> {
     arm_places: Vec<ArmPlace>,
     stamp: u64,
     spare: Vec<Vec<usize>>,
-    overlaps: Vec<Overlap>,
+    /// By pair of bodies.
+    overlaps: BTreeMap<(usize, usize), Overlap>,
     closest: Option<Closest>,
     work: u64,
 }
@@ -119,7 +121,7 @@ pub(super) fn check(
         arms,
         stamp: 0,
         spare: Vec::new(),
-        overlaps: Vec::new(),
+        overlaps: BTreeMap::new(),
         closest: None,
         work: 0,
     };
@@ -228,8 +230,8 @@ impl Inspector<'_, '_> {
         let arm_place = &mut self.arm_places[arm];
         if arm_place.stamp != self.stamp {
             arm_place.stamp = self.stamp;
-            self.work += FRAMES_WORK;
-            self.arms.place(arm, a, b, &mut arm_place.frames, &mut arm_place.excursions);
+            let segments = self.arms.place(arm, a, b, &mut arm_place.frames, &mut arm_place.excursions);
+            self.work += FRAMES_WORK + 20 * segments;
         }
         let chain = self.arms.chain(arm);
         place.frame = match grip {
@@ -395,17 +397,13 @@ impl Inspector<'_, '_> {
 
     /// Remembers an overlap; one for each pair of bodies.
     fn overlap(&mut self, pair: &Pair, apart: &Apart, t: f64, decided: bool) {
-        let bodies = (pair.a, pair.b);
-        let depth = -apart.estimate;
-        if let Some(known) = self.overlaps.iter_mut().find(|known| known.bodies == bodies) {
-            known.first = known.first.min(t);
-            known.decided |= decided;
-            if depth > known.depth {
-                (known.depth, known.deepest, known.parts) = (depth, t, apart.parts);
-            }
-        } else {
-            let parts = apart.parts;
-            self.overlaps.push(Overlap { bodies, parts, first: t, deepest: t, depth, decided });
+        let (depth, parts) = (-apart.estimate, apart.parts);
+        let new = Overlap { parts, first: t, deepest: t, depth, decided };
+        let known = self.overlaps.entry((pair.a, pair.b)).or_insert(new);
+        known.first = known.first.min(t);
+        known.decided |= decided;
+        if depth > known.depth {
+            (known.depth, known.deepest, known.parts) = (depth, t, parts);
         }
     }
 
@@ -418,8 +416,8 @@ impl Inspector<'_, '_> {
 
     /// Reports the overlaps and gives the least clearance.
     fn conclude(self, report: &mut Report) -> Option<Clearance> {
-        for overlap in &self.overlaps {
-            let names = self.names(overlap.bodies, overlap.parts);
+        for (&bodies, overlap) in &self.overlaps {
+            let names = self.names(bodies, overlap.parts);
             let bodies = [names[0].as_str(), names[1].as_str()];
             let (rule, message) = if overlap.decided {
                 let message =

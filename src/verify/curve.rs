@@ -112,6 +112,11 @@ impl Curve {
         after.saturating_sub(1).min(self.segments().saturating_sub(1))
     }
 
+    /// How many segments meet `[a, b]`.
+    pub(super) fn segments_between(&self, a: f64, b: f64) -> u64 {
+        (self.segment_at(b) - self.segment_at(a)) as u64 + 1
+    }
+
     fn cubics_of(&self, segment: usize) -> &[Cubic] {
         &self.cubics[segment * self.dof..(segment + 1) * self.dof]
     }

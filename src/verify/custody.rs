@@ -105,21 +105,17 @@ pub(super) fn check_steps(problem: &Problem, plan: &Plan, report: &mut Report) {
     }
     for step in plan.actions.chunk_by(|a, b| a.step == b.step) {
         for (index, action) in step.iter().enumerate() {
-            for earlier in &step[..index] {
-                let shared = hands(&action.kind)
-                    .into_iter()
-                    .flatten()
-                    .find(|arm| hands(&earlier.kind).contains(&Some(*arm)));
-                if let Some(arm) = shared {
-                    let id = problem.workcell.arms[arm.0].id.as_str();
-                    let message = format!("the arm takes part in two actions of step {}", action.step);
-                    report.add(Rule::ArmTwiceInStep, Some(action.t), &[id], 0.0, message);
-                }
-                if action.object == earlier.object {
-                    let id = problem.objects[action.object.0].id.as_str();
-                    let message = format!("the object takes part in two actions of step {}", action.step);
-                    report.add(Rule::ObjectTwiceInStep, Some(action.t), &[id], 0.0, message);
-                }
+            let earlier = &step[..index];
+            let taken = |arm: &ArmId| earlier.iter().any(|before| hands(&before.kind).contains(&Some(*arm)));
+            if let Some(arm) = hands(&action.kind).into_iter().flatten().find(taken) {
+                let id = problem.workcell.arms[arm.0].id.as_str();
+                let message = format!("the arm takes part in two actions of step {}", action.step);
+                report.add(Rule::ArmTwiceInStep, Some(action.t), &[id], 0.0, message);
+            }
+            if earlier.iter().any(|before| before.object == action.object) {
+                let id = problem.objects[action.object.0].id.as_str();
+                let message = format!("the object takes part in two actions of step {}", action.step);
+                report.add(Rule::ObjectTwiceInStep, Some(action.t), &[id], 0.0, message);
             }
         }
     }
@@ -218,7 +214,7 @@ impl State<'_> {
         let dwell = arms().map(|arm| self.problem.workcell.arms[arm.0].tool.grasp_time).fold(0.0, f64::max);
         let end = self.arms.duration();
         for arm in arms() {
-            let peak = self.arms.curve(arm).peak_speed(action.t, action.t);
+            let peak = self.arms.peak_speed(arm, action.t, action.t);
             if beyond(peak.value, REST_SPEED) {
                 let message = format!("a joint moves at {:.3e} when the action happens", peak.value);
                 self.fault(Rule::RestAtAction, action, arm, peak.value, message);
@@ -227,7 +223,7 @@ impl State<'_> {
             if dwell <= 0.0 {
                 continue;
             }
-            let peak = self.arms.curve(arm).peak_speed(action.t, (action.t + dwell).min(end));
+            let peak = self.arms.peak_speed(arm, action.t, (action.t + dwell).min(end));
             if beyond(peak.value, REST_SPEED) || action.t + dwell > end + SAME_TIME {
                 let message = format!("the arm must rest for {dwell} s after the action");
                 self.fault(Rule::Dwell, action, arm, peak.value, message);

@@ -23,11 +23,12 @@ pub(super) fn compute(plan: &Plan, curves: &[Curve]) -> Figures {
 /// Compares them with what the plan states.
 pub(super) fn check(plan: &Plan, figures: &Figures, report: &mut Report) {
     let stated = &plan.metrics;
+    let end = Some(figures.duration_s);
     let mut compare = |name: &str, stated: f64, real: f64| {
         let off = (stated - real).abs();
         if beyond(off, TOLERANCE * real.abs() + 1e-9) {
             let message = format!("{name} is stated as {stated}, and is {real}");
-            report.add(Rule::Metrics, None, &[], off, message);
+            report.add(Rule::Metrics, end, &[], off, message);
         }
     };
     compare("duration_s", stated.duration_s, figures.duration_s);
@@ -40,6 +41,6 @@ pub(super) fn check(plan: &Plan, figures: &Figures, report: &mut Report) {
             "steps_lower_bound is stated as {}, yet the plan has {} steps",
             stated.steps_lower_bound, figures.steps
         );
-        report.add(Rule::Metrics, None, &[], 0.0, message);
+        report.add(Rule::Metrics, end, &[], 0.0, message);
     }
 }

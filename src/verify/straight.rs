@@ -22,9 +22,6 @@ const TURNED: f64 = 3.0 * std::f64::consts::PI / 180.0;
 const FINE_SHIFT: f64 = 1e-4;
 const FINE_TURN: f64 = 1e-3;
 
-/// The most intervals that one way may take; a way of this many is none.
-const MAX_INTERVALS: usize = 100_000;
-
 /// What may touch for a while.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Touch {
@@ -79,29 +76,33 @@ pub(super) fn check(
                 let (tcp, normal, carrier) =
                     (judge.arms.tcp(*arm, t), judge.normal(*surface), judge.carrier(*surface));
                 let from = judge.way(action, *arm, &tcp, -tool_axis(&tcp), Side::Before);
-                judge.allow(object, Some(Touch::Hand(*arm)), from, t);
+                judge.allow(object, Some(Touch::Hand(*arm)), from.far, t);
                 let to = judge.way(action, *arm, &tcp, normal, Side::After);
-                judge.allow(object, carrier, t, to);
+                judge.allow(object, carrier, t, to.far);
             }
             ActionKind::Place { arm, surface, .. } => {
                 let (tcp, normal, carrier) =
                     (judge.arms.tcp(*arm, t), judge.normal(*surface), judge.carrier(*surface));
                 let from = judge.way(action, *arm, &tcp, normal, Side::Before);
-                judge.allow(object, carrier, from, t);
+                judge.allow(object, carrier, from.far, t);
                 let to = judge.way(action, *arm, &tcp, -tool_axis(&tcp), Side::After);
-                judge.allow(object, Some(Touch::Hand(*arm)), t, to);
+                judge.allow(object, Some(Touch::Hand(*arm)), t, to.far);
             }
             ActionKind::Handoff { arm, to_arm, .. } => {
                 let receiver = judge.arms.tcp(*to_arm, t);
                 let from = judge.way(action, *to_arm, &receiver, -tool_axis(&receiver), Side::Before);
-                judge.rests(Rule::GiverMoves, action, *arm, from, t);
-                judge.allow(object, Some(Touch::Hand(*to_arm)), from, t);
+                judge.rests(Rule::GiverMoves, action, *arm, from.enough, t);
+                judge.allow(object, Some(Touch::Hand(*to_arm)), from.far, t);
                 let giver = judge.arms.tcp(*arm, t);
                 let to = judge.way(action, *arm, &giver, -tool_axis(&giver), Side::After);
-                judge.rests(Rule::ReceiverMoves, action, *to_arm, t, to);
-                judge.allow(object, Some(Touch::Hand(*arm)), t, to);
+                judge.rests(Rule::ReceiverMoves, action, *to_arm, t, to.enough);
+                judge.allow(object, Some(Touch::Hand(*arm)), t, to.far);
             }
         }
+    }
+    if judge.arms.exhausted() {
+        let message = "the judge gave up on straight ways: too many points around too many actions";
+        judge.report.add(Rule::TooLarge, None, &[], 0.0, message);
     }
     judge.windows
 }
@@ -131,16 +132,16 @@ impl Ways<'_> {
         self.windows.extend(touch.map(|touch| Window { object, touch, from, to }));
     }
 
-    /// Checks one straight way along `outward` from `contact`, and gives the time at its far end
-    /// (or where it breaks).
-    fn way(&mut self, action: &Action, arm: ArmId, contact: &Frame, outward: Vec3, side: Side) -> f64 {
+    /// Checks one straight way along `outward` from `contact`, and gives its times (where it breaks,
+    /// if it does).
+    fn way(&mut self, action: &Action, arm: ArmId, contact: &Frame, outward: Vec3, side: Side) -> Way {
         let object = &self.problem.objects[action.object.0];
         let (rule, length, name) = match side {
             Side::Before => (Rule::Approach, object.approach, "approach"),
             Side::After => (Rule::Retreat, object.retreat, "retreat"),
         };
         match follow_line(self.arms, arm, action.t, contact, &outward, length, side) {
-            Ok(t) => t,
+            Ok(way) => way,
             Err(bent) => {
                 let bodies = [self.problem.workcell.arms[arm.0].id.as_str(), object.id.as_str()];
                 let message = format!(
@@ -152,14 +153,14 @@ impl Ways<'_> {
                     bent.turn.to_degrees()
                 );
                 self.report.add(rule, Some(bent.t), &bodies, bent.off, message);
-                bent.t
+                Way { enough: bent.t, far: bent.t }
             }
         }
     }
 
     /// An arm rests from one time to another.
     fn rests(&mut self, rule: Rule, action: &Action, arm: ArmId, from: f64, to: f64) {
-        let peak = self.arms.curve(arm).peak_speed(from, to);
+        let peak = self.arms.peak_speed(arm, from, to);
         if beyond(peak.value, REST_SPEED) {
             let object = &self.problem.objects[action.object.0];
             let bodies = [self.problem.workcell.arms[arm.0].id.as_str(), object.id.as_str()];
@@ -174,8 +175,17 @@ impl Ways<'_> {
     }
 }
 
-/// Follows the TCP from `t` on until it has come within tolerance of `length` along `outward`.
-/// Gives the time then; or where it leaves the line before, or that it never gets there.
+/// The times of a straight way.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Way {
+    /// When the TCP is within tolerance of the far end.
+    enough: f64,
+    /// When it is at the far end, or leaves the line for good before.
+    far: f64,
+}
+
+/// Follows the TCP from `t` on until it has come `length` along `outward`. It must not leave the
+/// line before it is within tolerance of that.
 ///
 /// Intervals are taken from `t` outward, and halved until the motion within them is small enough
 /// to decide.
@@ -187,36 +197,40 @@ fn follow_line(
     outward: &Vec3,
     length: f64,
     side: Side,
-) -> Result<f64, Bent> {
-    let goal = length - OFF_LINE;
-    if goal <= 0.0 {
-        return Ok(t);
-    }
+) -> Result<Way, Bent> {
     let span = match side {
         Side::Before => (0.0, t),
         Side::After => (t, arms.duration()),
     };
+    let near_end = |a: f64, b: f64| if side == Side::Before { b } else { a };
+    let mut enough = (length <= OFF_LINE).then_some(t);
     let mut covered = 0.0_f64;
     let mut open = vec![span];
-    for _ in 0..MAX_INTERVALS {
-        let Some((a, b)) = open.pop() else { break };
+    while let Some((a, b)) = open.pop() {
+        let goal = if enough.is_some() { length - FINE_SHIFT } else { length - OFF_LINE };
         let motion = arms.tool_motion(arm, a, b);
         let offset = motion.tcp.position - contact.position;
         let along = offset.dot(outward);
         let off = (offset - outward * along.clamp(0.0, length)).norm();
         let (_, turn) = difference(contact, &motion.tcp);
-        let fine = (motion.shift <= FINE_SHIFT && motion.turn <= FINE_TURN) || b - a <= 1e-9;
+        let fine =
+            (motion.shift <= FINE_SHIFT && motion.turn <= FINE_TURN) || b - a <= 1e-9 || arms.exhausted();
+        let straight = off <= OFF_LINE && turn <= TURNED;
         if fine && along >= goal {
-            return Ok(if side == Side::Before { b } else { a });
+            match enough {
+                Some(enough) => return Ok(Way { enough, far: near_end(a, b) }),
+                None => enough = Some(near_end(a, b)),
+            }
         }
         let not_there = along + motion.shift < goal || fine;
         let near = off + motion.shift <= OFF_LINE && turn + motion.turn <= TURNED;
-        if not_there && (near || (fine && off <= OFF_LINE && turn <= TURNED)) {
+        if not_there && (near || (fine && straight)) {
             covered = covered.max(along);
             continue;
         }
         if fine {
-            return Err(Bent { t: 0.5 * (a + b), off, turn, covered });
+            let bent = Bent { t: 0.5 * (a + b), off, turn, covered };
+            return enough.map(|enough| Way { enough, far: near_end(a, b) }).ok_or(bent);
         }
         let middle = 0.5 * (a + b);
         match side {
@@ -225,5 +239,6 @@ fn follow_line(
         }
     }
     let end = if side == Side::Before { span.0 } else { span.1 };
-    Err(Bent { t: end, off: length - covered, turn: 0.0, covered })
+    let bent = Bent { t: end, off: length - covered, turn: 0.0, covered };
+    enough.map(|enough| Way { enough, far: end }).ok_or(bent)
 }

@@ -9,9 +9,9 @@ use crate::plan::{Action, ActionKind, ArmTrajectory, Plan};
 use crate::problem::Problem;
 
 /// The most points that a plan may have over all arms.
-pub(super) const MAX_POINTS: usize = 400_000;
+pub(super) const MAX_POINTS: usize = 200_000;
 /// The most actions that a plan may have.
-pub(super) const MAX_ACTIONS: usize = 10_000;
+pub(super) const MAX_ACTIONS: usize = 2_000;
 /// The longest plan (s).
 pub(super) const MAX_DURATION: f64 = 1e5;
 /// The greatest joint value (rad or m), velocity, or position (m) that makes sense.
