@@ -4,7 +4,7 @@ use rand::Rng as _;
 use serde_json::{Map, Value, json};
 
 use super::layout::{End, Layout, PEDESTAL_HEIGHT, TABLE_DEPTH, TABLE_TOP};
-use super::sampling::{CUBE, Place, places};
+use super::sampling::{CUBE, Place, places, transfers};
 use super::{Family, ScenarioError};
 use crate::run::{Rng, Seed};
 
@@ -97,9 +97,7 @@ fn arrange(
     match family {
         Family::Switch | Family::SideToSide | Family::Random => {
             let goal_ends: Vec<End> = start_ends.iter().map(other).collect();
-            let mut all = places(layout, &[start_ends, goal_ends].concat(), rng)?;
-            let goals = all.split_off(objects);
-            Some((all, goals))
+            transfers(layout, &start_ends, &goal_ends, rng)
         }
         Family::InPlaceSwap | Family::Derangement => {
             // One place more on each table, so that a buffer is free.

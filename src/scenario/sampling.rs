@@ -19,6 +19,21 @@ const TRIES: usize = 2000;
 /// Attempts to place all of them.
 const RESTARTS: usize = 50;
 
+/// Horizontal distance (m) from a cube to the wrist of an arm that grips it at an edge: 0.276 m from
+/// TCP to wrist, at 45 degrees.
+const WRIST_AT_CONTACT: f64 = 0.195;
+
+/// The same 8 cm before the contact.
+const WRIST_AT_APPROACH: f64 = 0.252;
+
+/// Least and greatest horizontal distance (m) of the wrist from the arm's axis.
+const WRIST_NEAREST: f64 = 0.455;
+const WRIST_FARTHEST: f64 = 0.76;
+
+/// Greatest cosine of the angle between the direction to the gripped edge and the one away from
+/// the arm.
+const MOST_OUTWARDS: f64 = 0.58;
+
 /// A place of a cube: the middle of its footprint, and how it is turned.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Place {
@@ -52,15 +67,70 @@ fn separation(one: &Place, other: &Place) -> f64 {
 /// part of the table, turned uniformly. Positions are whole tenths of a millimetre. `None` when
 /// there is no room.
 pub fn places(layout: &Layout, ends: &[End], rng: &mut Rng) -> Option<Vec<Place>> {
-    (0..RESTARTS).find_map(|_| try_places(layout, ends, rng))
+    (0..RESTARTS).find_map(|_| try_places(layout, ends, &|_, _| true, rng))
 }
 
-fn try_places(layout: &Layout, ends: &[End], rng: &mut Rng) -> Option<Vec<Place>> {
+/// Starts and goals, as [`places`], of cubes that change tables. Where they go from one arm
+/// straight to the next, a start and its goal are drawn again until one handoff can serve them.
+pub fn transfers(
+    layout: &Layout,
+    starts: &[End],
+    goals: &[End],
+    rng: &mut Rng,
+) -> Option<(Vec<Place>, Vec<Place>)> {
+    let ends = [starts, goals].concat();
+    let serves = |placed: &[Place], place: &Place| match placed.len().checked_sub(starts.len()) {
+        Some(cube) if layout.depth == 2 => one_handoff_serves(layout, &placed[cube], place),
+        _ => true,
+    };
+    let mut placed = (0..RESTARTS).find_map(|_| try_places(layout, &ends, &serves, rng))?;
+    let goals = placed.split_off(starts.len());
+    Some((placed, goals))
+}
+
+/// Whether the cube can be gripped at an upper edge at `start` and at the opposite edge at `goal`.
+/// A cube that stands on a table offers its top and its upper edges; of these only two opposite
+/// edges leave room for both hands at once.
+fn one_handoff_serves(layout: &Layout, start: &Place, goal: &Place) -> bool {
+    let (taken, released) = (grippable_edges(layout, start), grippable_edges(layout, goal));
+    (0..4).any(|edge| taken[edge] && released[(edge + 2) % 4])
+}
+
+/// Which of the upper edges, counted from the cube's +x counterclockwise, the nearest arm can grip
+/// at 45 degrees. Its wrist is farther out on that side: it must neither come too near to the arm's
+/// own axis nor too far from it, and the tool must not point back at the base too squarely. The
+/// bounds were found by inverse kinematics and collision checks and lie within what is possible.
+fn grippable_edges(layout: &Layout, place: &Place) -> [bool; 4] {
+    let mut best: Option<(f64, [f64; 2])> = None;
+    for arm in layout.arms() {
+        let from_axis = [place.xy[0] - arm[0], place.xy[1] - arm[1]];
+        let distance = from_axis[0].hypot(from_axis[1]);
+        if best.is_none_or(|(least, _)| distance < least) {
+            best = Some((distance, from_axis));
+        }
+    }
+    let Some((distance, [x, y])) = best else { return [false; 4] };
+    std::array::from_fn(|edge| {
+        let (sin, cos) = (place.yaw + PI / 2.0 * edge as f64).sin_cos();
+        let at = |offset: f64| (x + offset * cos).hypot(y + offset * sin);
+        let outwards = (x * cos + y * sin) / distance;
+        at(WRIST_AT_CONTACT) >= WRIST_NEAREST
+            && at(WRIST_AT_APPROACH) <= WRIST_FARTHEST
+            && outwards <= MOST_OUTWARDS
+    })
+}
+
+fn try_places(
+    layout: &Layout,
+    ends: &[End],
+    suits: &dyn Fn(&[Place], &Place) -> bool,
+    rng: &mut Rng,
+) -> Option<Vec<Place>> {
     let mut placed: Vec<Place> = Vec::with_capacity(ends.len());
     for end in ends {
         let free = (0..TRIES).find_map(|_| {
             let place = sample(layout, *end, rng)?;
-            placed.iter().all(|other| place.is_apart(other)).then_some(place)
+            (placed.iter().all(|other| place.is_apart(other)) && suits(&placed, &place)).then_some(place)
         });
         placed.push(free?);
     }
@@ -116,6 +186,24 @@ mod tests {
                 }
             }
         }
+    }
+
+    #[test]
+    fn starts_and_goals_offer_opposite_edges() {
+        let layout = Layout::new(2).unwrap();
+        for seed in 0..20 {
+            let mut rng = Seed(seed).stream("test");
+            let (starts, goals) = transfers(&layout, &[End::A, End::B], &[End::B, End::A], &mut rng).unwrap();
+            for (start, goal) in starts.iter().zip(&goals) {
+                assert!(one_handoff_serves(&layout, start, goal));
+            }
+        }
+        // Both far out and turned by 45 degrees: only the two inner edges can be gripped, and these
+        // are the same on both tables once the cube is turned by half a turn.
+        let far = |end, x: f64, yaw: f64| Place { end, xy: [x, 0.0], yaw };
+        let (here, there) = (far(End::A, -0.72, PI / 4.0), far(End::B, 1.82, PI / 4.0 + PI));
+        assert!(!one_handoff_serves(&layout, &here, &there));
+        assert!(one_handoff_serves(&layout, &here, &far(End::B, 1.82, PI / 4.0)));
     }
 
     #[test]

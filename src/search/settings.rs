@@ -5,9 +5,11 @@
 pub struct Settings {
     /// Chance of selecting the tau that has made the most progress; below 1.
     pub goal_bias: f64,
-    /// Chance of asking the guidance under a random passing cut, so that other sequences of
-    /// actions are tried; only once there is an incumbent, or after failures. Above 0.
+    /// Chance of another sequence of actions than the guided one, once there is an incumbent: with
+    /// another first action, or under a passing cut. Above 0.
     pub wander: f64,
+    /// The same before there is one, where a tau has failed. Above 0.
+    pub stuck_wander: f64,
     /// Chance of sampling new transitions although some are known. Above 0.
     pub fresh_transitions: f64,
     /// Vertices that each roadmap gains on each growth; above 0.
@@ -33,6 +35,7 @@ impl Default for Settings {
         Self {
             goal_bias: 0.85,
             wander: 0.1,
+            stuck_wander: 0.5,
             fresh_transitions: 0.15,
             growth: 20,
             growth_period: 50,

@@ -9,6 +9,7 @@ use rand::seq::IndexedRandom;
 use crate::collision::{CollisionWorld, Exemption};
 use crate::guidance::{
     Advice, Certificate, CutKind, Cuts, Effort, Greedy, Guidance, Guide, Memo, Move, Sequential, Smart,
+    Solution, check,
 };
 use crate::motion::{ArmGoal, ArmTask, StepMotion, StepPlanner, StepTask};
 use crate::problem::{GuidanceKind, InitialPlacement, Objective, Problem};
@@ -43,6 +44,8 @@ pub struct Search<'a> {
     grounder: Grounder<'a>,
     guidance: Box<dyn Guidance>,
     memo: Memo,
+    /// Answers without cuts, for states beside the way.
+    detours: Memo,
     cuts: Cuts,
     tree: Vec<Vertex>,
     /// Cost of the best plan that the caller accepted.
@@ -81,6 +84,7 @@ impl<'a> Search<'a> {
             settings,
             guidance,
             memo: Memo::new(),
+            detours: Memo::new(),
             cuts: Cuts::none(),
             tree: vec![root],
             best: None,
@@ -225,19 +229,65 @@ impl<'a> Search<'a> {
             self.guide(tau, control);
         }
         let guide = self.tree[tau].guide.clone()?;
-        let wanders = (self.best.is_some() || self.tree[tau].failures > 0)
-            && matches!(self.problem.options.guidance, GuidanceKind::Smart)
-            && self.rng.random_bool(self.settings.wander);
-        if !wanders {
+        if !matches!(self.problem.options.guidance, GuidanceKind::Smart) {
             return Some(guide);
         }
+        let chance = match (self.best.is_some(), self.tree[tau].failures) {
+            (true, _) => self.settings.wander,
+            (false, 0) => 0.0,
+            (false, _) => self.settings.stuck_wander,
+        };
+        if !self.rng.random_bool(chance) {
+            return Some(guide);
+        }
+        let other = if self.rng.random_bool(0.7) {
+            self.another_first_action(tau, &guide, control)
+        } else {
+            self.under_a_cut(tau, &guide, control)
+        };
+        other.or(Some(guide))
+    }
+
+    /// A guide that begins with another action than the tau's own, and is hardly longer.
+    fn another_first_action(&mut self, tau: usize, guide: &Guide, control: &Control) -> Option<Guide> {
+        let network = self.map.network();
+        let instance = network.instance();
+        let mode = self.tree[tau].mode.clone();
+        let mut actions = Vec::new();
+        for (object, &from) in mode.iter().enumerate() {
+            let class = instance.objects.get(object)?.class;
+            let edges = instance.edges.iter().filter(|edge| edge.from == from);
+            let fitting = edges.filter(|edge| edge.class.is_none_or(|only| only == class));
+            actions.extend(fitting.map(|edge| Move { object, from, to: edge.to }));
+        }
+        actions.retain(|action| !guide.immediate.contains(action));
+        let action = *actions.choose(&mut self.rng)?;
+        let mut next = mode.clone();
+        next[action.object] = action.to;
+        let rest = match self.guidance.guide(network, &next, &Cuts::none(), &mut self.detours, control) {
+            Ok(Advice::Go(rest)) => rest.solution,
+            _ => return None,
+        };
+        let excess = (rest.steps.len() + 1).saturating_sub(guide.remaining_steps?);
+        if excess > 2 || (excess > 0 && self.rng.random_bool(0.5)) {
+            return None;
+        }
+        let mut steps = vec![vec![action]];
+        steps.extend(rest.steps);
+        let solution = Solution { start: mode, steps, weight: rest.weight };
+        check(instance, &solution).ok()?;
+        Some(Guide::along(network, solution, None))
+    }
+
+    /// A guide under a passing cut on one of the tau's coming actions.
+    fn under_a_cut(&mut self, tau: usize, guide: &Guide, control: &Control) -> Option<Guide> {
         let actions: Vec<Move> = guide.solution.steps.iter().flatten().copied().collect();
         let mut cuts = self.cuts.clone();
         cuts.add(CutKind::Action(*actions.choose(&mut self.rng)?), 2, 1);
         let mut memo = Memo::new();
         match self.guidance.guide(self.map.network(), &self.tree[tau].mode, &cuts, &mut memo, control) {
             Ok(Advice::Go(other)) => Some(other),
-            _ => Some(guide),
+            _ => None,
         }
     }
 
