@@ -27,7 +27,7 @@ const WRIST_AT_CONTACT: f64 = 0.195;
 const WRIST_AT_APPROACH: f64 = 0.252;
 
 /// Least and greatest horizontal distance (m) of the wrist from the arm's axis.
-const WRIST_NEAREST: f64 = 0.455;
+const WRIST_NEAREST: f64 = 0.48;
 const WRIST_FARTHEST: f64 = 0.76;
 
 /// Greatest cosine of the angle between the direction to the gripped edge and the one away from
@@ -114,7 +114,7 @@ fn grippable_edges(layout: &Layout, place: &Place) -> [bool; 4] {
         let (sin, cos) = (place.yaw + PI / 2.0 * edge as f64).sin_cos();
         let at = |offset: f64| (x + offset * cos).hypot(y + offset * sin);
         let outwards = (x * cos + y * sin) / distance;
-        at(WRIST_AT_CONTACT) >= WRIST_NEAREST
+        at(WRIST_AT_CONTACT).min(at(WRIST_AT_APPROACH)) >= WRIST_NEAREST
             && at(WRIST_AT_APPROACH) <= WRIST_FARTHEST
             && outwards <= MOST_OUTWARDS
     })

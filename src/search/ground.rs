@@ -22,6 +22,9 @@ use super::map::Map;
 use super::settings::Settings;
 use super::tree::{Vertex, Whereabouts};
 
+/// Failures to ground a chain after which detours are tried.
+const DETOUR_AFTER: u32 = 12;
+
 /// Buffer poses tried for one detour.
 const DETOUR_TARGETS: usize = 12;
 
@@ -200,7 +203,7 @@ impl<'a> Grounder<'a> {
         let key = (object, arms.clone(), end);
         let failures = self.barren.get(&key).copied().unwrap_or(0);
         let mut ends = Vec::new();
-        if failures < 3 || self.rng.random_bool(self.fresh) {
+        if failures <= DETOUR_AFTER || self.rng.random_bool(self.fresh) {
             ends.push(end);
         }
         // Where grasps do not fit together all the way, the object is put down on a buffer once,
@@ -208,7 +211,7 @@ impl<'a> Grounder<'a> {
         let mut detours = self.map.regions_of(object, last);
         detours.retain(|&node| node != end);
         detours.shuffle(&mut self.rng);
-        if failures >= 2 {
+        if failures >= DETOUR_AFTER {
             ends.extend(detours);
         }
         for node in ends {
@@ -216,6 +219,8 @@ impl<'a> Grounder<'a> {
             if node != end {
                 targets.shuffle(&mut self.rng);
                 targets.truncate(DETOUR_TARGETS);
+                let goals = self.map.placements(object, end);
+                targets.retain(|&target| self.leads_on(last, ObjectId(object), target, &goals));
             }
             let request = ChainRequest {
                 object: ObjectId(object),
@@ -241,6 +246,22 @@ impl<'a> Grounder<'a> {
         }
         *self.barren.entry(key).or_default() += 1;
         None
+    }
+
+    /// Whether `arm` can take the object up at `from` in a hold in which it can put it down at one
+    /// of `goals`.
+    fn leads_on(
+        &mut self,
+        arm: ArmId,
+        object: ObjectId,
+        from: (Pose, SurfaceId),
+        goals: &[(Pose, SurfaceId)],
+    ) -> bool {
+        let taken = self.contacts.holds(&query(ContactKind::Pick, arm, object, from));
+        goals.iter().any(|&goal| {
+            let put_down = query(ContactKind::Place, arm, object, goal);
+            taken.iter().any(|(_, hold)| !self.contacts.at(&put_down, hold).is_empty())
+        })
     }
 
     fn ground_action(

@@ -191,7 +191,10 @@ impl<'a> Search<'a> {
         let progress = |i: usize| {
             let vertex = &self.tree[i];
             let remaining = vertex.remaining().map_or(1e6, |r| r as f64);
-            remaining + 0.7 * f64::from(vertex.failures) + 1e-3 * vertex.elapsed
+            remaining
+                + 0.7 * f64::from(vertex.failures)
+                + 0.2 * f64::from(vertex.expansions)
+                + 1e-3 * vertex.elapsed
         };
         let driven = fresh
             .into_iter()
