@@ -4,9 +4,14 @@
 //! The flow runs one way; each room knows only rooms to its left:
 //!
 //! ```text
-//! geometry -> kinematics -> workcell -> problem -> mode_graph -> guidance -> transition -> motion
-//!          -> search -> trajectory -> plan -> verify -> planner -> wire -> jobs -> service, cli
+//! run, geometry -> kinematics -> workcell -> problem -> collision -> mode_graph -> guidance
+//!     -> transition -> trajectory -> plan -> motion -> search -> verify -> planner
+//!     -> scenario, wire -> jobs -> service -> cli
 //! ```
+//!
+//! Some know less than lies to their left: [`guidance`] sees the mode graph alone, [`mode_graph`]
+//! learns what can be grounded through [`mode_graph::Reach`], which [`transition`] implements, and
+//! [`verify`] shares no code with the planning that it judges.
 //!
 //! Everything up to [`planner`] is free of async runtimes, HTTP and wall clocks (except through
 //! [`run::Deadline`]); a library user plans without tokio.
