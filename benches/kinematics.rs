@@ -1,5 +1,8 @@
 //! Forward and inverse kinematics of the library's arms.
 
+// The macros of criterion make public functions without documentation.
+#![allow(missing_docs)]
+
 use std::collections::BTreeMap;
 use std::hint::black_box;
 

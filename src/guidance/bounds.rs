@@ -221,13 +221,13 @@ impl Game {
         let arms = self.arms;
         for graph in &mut self.graphs {
             for from in 0..arms {
-                for to in 0..arms {
+                for (to, weight) in weights.iter().enumerate() {
                     let cell = from * arms + to;
                     graph.via[cell] = to;
                     graph.cost[cell] = if from == to {
                         0.0
                     } else if graph.passes[cell] {
-                        2.0 * weights[to]
+                        2.0 * weight
                     } else {
                         f64::INFINITY
                     };

@@ -128,7 +128,8 @@ fn smart_needs_at_most_half_the_steps_of_sequential_side_to_side() {
     let smart = Smart { effort: Effort::quick(), seed: Seed(0) };
     let (with, _) = follow(&smart, &instance);
     let (without, _) = follow(&Sequential, &instance);
-    assert!(2 * (with.len() - 1) <= without.len() - 1, "{} {}", with.len() - 1, without.len() - 1);
+    let (with, without) = (with.len() - 1, without.len() - 1);
+    assert!(2 * with <= without, "{with} {without}");
 }
 
 #[test]

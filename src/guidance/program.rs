@@ -97,7 +97,7 @@ pub(super) fn decide(
 
 fn commodities(network: &Network, start: &[u16], reach: &Reach, merge: Commodities) -> Vec<Commodity> {
     let count = network.node_count();
-    let mut groups: BTreeMap<(usize, Vec<u16>, Vec<u16>, usize), Vec<usize>> = BTreeMap::new();
+    let mut groups: BTreeMap<_, Vec<usize>> = BTreeMap::new();
     for (object, &kind_index) in network.kind_of.iter().enumerate() {
         let kind = &network.kinds[kind_index];
         let key = match (merge, kind.goals.as_slice()) {
@@ -221,14 +221,14 @@ impl Program {
             }
         }
         for step in 0..horizon {
-            for resource in 0..width {
+            for (resource, &initial) in initial.iter().enumerate() {
                 let cell = step * width + resource;
                 let capacity = f64::from(network.capacities[resource]);
                 if enters[cell].is_empty() {
                     continue;
                 }
                 let mut terms = std::mem::take(&mut draws[cell]);
-                if initial[resource] as f64 > capacity {
+                if initial as f64 > capacity {
                     // Fuller than its capacity at the start: the capacity holds once something enters.
                     let entered = problem.add_integer_column(0.0, 0.0..=1.0);
                     let excess = network.object_count() as f64;

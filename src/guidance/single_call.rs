@@ -63,9 +63,9 @@ pub fn single_call(
         balance.insert((object, 0, start.0), Expression::from(-1.0));
         for step in 0..horizon {
             let mut next = vec![false; nodes];
-            for from in 0..nodes {
+            for (from, &reached) in reached.iter().enumerate() {
                 let left = network.to_goal(object, from);
-                if !reached[from] || left == FAR || usize::from(left) > horizon - step {
+                if !reached || left == FAR || usize::from(left) > horizon - step {
                     continue;
                 }
                 let moves = network.graph(object).successors(from).iter().map(|&to| to as usize);

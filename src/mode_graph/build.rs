@@ -288,9 +288,9 @@ fn shared_room(problem: &Problem, nodes: &[ModeNode]) -> Vec<NodeConflict> {
                 by.spots.iter().map(count).max().unwrap_or(0)
             };
             let worst = blocked(first, second).max(blocked(second, first));
-            if worst > 0 {
-                let least = first.spots.len().min(second.spots.len());
-                conflicts.push(NodeConflict { nodes: vec![a, b], capacity: 1 + (least - 1) / worst });
+            let least = first.spots.len().min(second.spots.len());
+            if let Some(others) = least.saturating_sub(1).checked_div(worst) {
+                conflicts.push(NodeConflict { nodes: vec![a, b], capacity: 1 + others });
             }
         }
     }

@@ -76,9 +76,9 @@ impl Footprint {
     pub(super) fn bounds(&self) -> ([f64; 2], [f64; 2]) {
         let mut bounds = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
         for corner in &self.corners {
-            for axis in 0..2 {
-                bounds.0[axis] = bounds.0[axis].min(corner[axis]);
-                bounds.1[axis] = bounds.1[axis].max(corner[axis]);
+            for (axis, &at) in corner.iter().enumerate() {
+                bounds.0[axis] = bounds.0[axis].min(at);
+                bounds.1[axis] = bounds.1[axis].max(at);
             }
         }
         bounds
@@ -171,6 +171,7 @@ mod tests {
     use super::*;
     use crate::geometry::pose_from_parts;
     use proptest::prelude::*;
+    use std::f64::consts::FRAC_PI_2;
 
     fn cuboid(x: f64, y: f64) -> Vec<PlacedShape> {
         let shape = Shape::Box { half_extents: Vec3::new(x, y, 0.05) };
@@ -219,9 +220,7 @@ mod tests {
     #[test]
     fn containing_is_about_all_corners() {
         let square = Footprint::of(&cuboid(0.05, 0.05), &at(0.0, 0.0, 0.0));
-        assert!(
-            square.contains(&Footprint::of(&cuboid(0.05, 0.05), &at(0.0, 0.0, 1.570_796_326_794_9)), 1e-9)
-        );
+        assert!(square.contains(&Footprint::of(&cuboid(0.05, 0.05), &at(0.0, 0.0, FRAC_PI_2)), 1e-9));
         assert!(!square.contains(&Footprint::of(&cuboid(0.05, 0.05), &at(0.0, 0.0, 0.3)), 1e-9));
         assert!(square.contains(&Footprint::of(&cuboid(0.02, 0.03), &at(0.01, 0.0, 0.3)), 1e-9));
     }

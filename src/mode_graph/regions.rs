@@ -93,18 +93,17 @@ mod tests {
                 }
             }
             for via in 0..count {
-                for a in 0..count {
-                    for b in 0..count {
-                        joined[a][b] |= joined[a][via] && joined[via][b];
-                    }
+                let onward = joined[via].clone();
+                for row in joined.iter_mut().filter(|row| row[via]) {
+                    row.iter_mut().zip(&onward).for_each(|(cell, onward)| *cell |= onward);
                 }
             }
             let groups = connect(&samples, 0.2);
             let of = |index: usize| groups.iter().position(|group| group.contains(&index));
-            for a in 0..count {
+            for (a, row) in joined.iter().enumerate() {
                 prop_assert_eq!(of(a).is_some(), !samples[a].arms.is_empty());
-                for b in 0..count {
-                    prop_assert_eq!(of(a).is_some() && of(a) == of(b), joined[a][b]);
+                for (b, &together) in row.iter().enumerate() {
+                    prop_assert_eq!(of(a).is_some() && of(a) == of(b), together);
                 }
             }
         }

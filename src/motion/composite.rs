@@ -135,7 +135,7 @@ impl Composite<'_> {
         let count = node.q.len();
         let mut q = Vec::with_capacity(count);
         let mut at = Vec::with_capacity(count);
-        for arm in 0..count {
+        for (arm, wanted) in sample.iter().enumerate() {
             if rng.random_bool(0.15) {
                 q.push(node.q[arm].clone());
                 at.push(node.at[arm]);
@@ -151,7 +151,7 @@ impl Composite<'_> {
                 None => roadmap.nearest(&node.q[arm], 8),
             };
             let best = neighbours.into_iter().max_by(|&a, &b| {
-                let towards = |v: usize| cosine(&node.q[arm], &roadmap.vertices()[v], &sample[arm]);
+                let towards = |v: usize| cosine(&node.q[arm], &roadmap.vertices()[v], wanted);
                 towards(a).total_cmp(&towards(b)).then(b.cmp(&a))
             });
             match best {

@@ -240,14 +240,14 @@ impl<'a> StepPlanner<'a> {
         let idle = [a, b].into_iter().filter(|&i| !task.arms[i].acts()).collect::<Vec<_>>();
         if let Some(&arm) = idle.first() {
             // The arm without an action gives way.
-            let arm = if idle.len() == 2 && dispute % 2 == 0 { b } else { arm };
+            let arm = if idle.len() == 2 && dispute.is_multiple_of(2) { b } else { arm };
             round.idle[arm] = match &round.idle[arm] {
                 Idle::Ahead if matches!(task.arms[arm].goal, ArmGoal::Toward(_)) => Idle::Stay,
                 _ => Idle::Refuge(self.refuge(task, arm)),
             };
             if dispute > 1 {
                 let other = if arm == a { b } else { a };
-                round.avoid[other] = vec![(arm, dispute % 2 == 0)];
+                round.avoid[other] = vec![(arm, dispute.is_multiple_of(2))];
             }
             return;
         }

@@ -14,7 +14,7 @@ use crate::motion::{ArmGoal, ArmTask, Departure, StepTask};
 use crate::plan::ActionKind;
 use crate::problem::Problem;
 use crate::run::{Rng, Seed};
-use crate::transition::{Contact, ContactKind, Contacts, HandoffContact, travel_time};
+use crate::transition::{Contact, ContactKind, ContactQuery, Contacts, HandoffContact, travel_time};
 use crate::workcell::{ArmId, ObjectId, SurfaceId};
 
 use super::chain::{Chain, ChainPlanner, ChainRequest, query};
@@ -281,10 +281,7 @@ impl<'a> Grounder<'a> {
             (None, Some(_)) => {
                 let Whereabouts::Resting { pose, surface } = vertex.objects[object.0] else { return None };
                 let contact = self.contact(
-                    ContactKind::Pick,
-                    arm,
-                    object,
-                    (pose, surface),
+                    &query(ContactKind::Pick, arm, object, (pose, surface)),
                     &hold,
                     &now[arm.0],
                     &around,
@@ -303,10 +300,7 @@ impl<'a> Grounder<'a> {
             (Some(_), None) => {
                 let (pose, surface) = chain.target;
                 let contact = self.contact(
-                    ContactKind::Place,
-                    arm,
-                    object,
-                    (pose, surface),
+                    &query(ContactKind::Place, arm, object, (pose, surface)),
                     &hold,
                     &now[arm.0],
                     &around,
@@ -356,31 +350,21 @@ impl<'a> Grounder<'a> {
     }
 
     /// A contact: mostly the nearest of those known, sometimes any, sometimes after sampling more.
-    fn contact(
-        &mut self,
-        kind: ContactKind,
-        arm: ArmId,
-        object: ObjectId,
-        at: (Pose, SurfaceId),
-        hold: &Pose,
-        now: &Config,
-        scene: &Scene,
-    ) -> Option<Contact> {
-        let asked = query(kind, arm, object, at);
+    fn contact(&mut self, asked: &ContactQuery, hold: &Pose, now: &Config, scene: &Scene) -> Option<Contact> {
         if self.rng.random_bool(self.fresh) {
-            self.contacts.more(&asked, hold);
+            self.contacts.more(asked, hold);
         }
         let known: Vec<Contact> = self
             .contacts
-            .at(&asked, hold)
+            .at(asked, hold)
             .iter()
-            .filter(|contact| self.contacts.is_clear(&asked, contact, scene))
+            .filter(|contact| self.contacts.is_clear(asked, contact, scene))
             .cloned()
             .collect();
         if self.rng.random_bool(0.3) {
             return known.choose(&mut self.rng).cloned();
         }
-        let model = &self.problem.workcell.arms[arm.0];
+        let model = &self.problem.workcell.arms[asked.arm.0];
         known
             .iter()
             .min_by(|a, b| travel_time(model, now, &a.q).total_cmp(&travel_time(model, now, &b.q)))
@@ -407,20 +391,14 @@ impl<'a> Grounder<'a> {
             (None, Some(_)) => {
                 let Whereabouts::Resting { pose, surface } = vertex.objects[object.0] else { return None };
                 before_contact(&self.contact(
-                    ContactKind::Pick,
-                    arm,
-                    object,
-                    (pose, surface),
+                    &query(ContactKind::Pick, arm, object, (pose, surface)),
                     &hold,
                     &now[arm.0],
                     &around,
                 )?)
             }
             (Some(_), None) => before_contact(&self.contact(
-                ContactKind::Place,
-                arm,
-                object,
-                chain.target,
+                &query(ContactKind::Place, arm, object, chain.target),
                 &hold,
                 &now[arm.0],
                 &around,

@@ -95,7 +95,7 @@ impl<'a> Search<'a> {
             cause: None,
         };
         search.guide(0, control);
-        search.certificate = search.tree[0].guide.as_ref().and_then(|guide| guide.certificate.clone());
+        search.certificate = search.tree[0].guide.as_ref().and_then(|guide| guide.certificate);
         search
     }
 
@@ -125,7 +125,7 @@ impl<'a> Search<'a> {
     pub fn iterate(&mut self, control: &Control) -> Report {
         self.iterations += 1;
         self.cuts.advance();
-        if self.iterations % self.settings.growth_period == 0 {
+        if self.iterations.is_multiple_of(self.settings.growth_period) {
             self.planner.grow(self.settings.growth, control);
         }
         if self.tree.len() > self.settings.greatest_tree {
@@ -395,12 +395,11 @@ impl<'a> Search<'a> {
     fn note_failure(&mut self, tau: usize, guide: &Guide) {
         self.tree[tau].failures += 1;
         let failures = self.tree[tau].failures;
-        if failures % self.settings.patience == 0
+        if failures.is_multiple_of(self.settings.patience)
             && matches!(self.problem.options.guidance, GuidanceKind::Smart)
+            && let Some(action) = guide.immediate.choose(&mut self.rng)
         {
-            if let Some(action) = guide.immediate.choose(&mut self.rng) {
-                self.cuts.add(CutKind::Action(*action), 2, self.settings.cut_lifetime);
-            }
+            self.cuts.add(CutKind::Action(*action), 2, self.settings.cut_lifetime);
         }
     }
 
