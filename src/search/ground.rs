@@ -23,7 +23,7 @@ use super::settings::Settings;
 use super::tree::{Vertex, Whereabouts};
 
 /// Failures to ground a chain after which detours are tried.
-const DETOUR_AFTER: u32 = 12;
+const DETOUR_AFTER: u32 = 60;
 
 /// Buffer poses tried for one detour.
 const DETOUR_TARGETS: usize = 12;

@@ -299,6 +299,7 @@ impl<'a> Search<'a> {
     fn extend(&mut self, tau: usize, guide: &Guide, control: &Control) -> Option<usize> {
         let thorough = self.tree[tau].failures > 0;
         let mut moved = None;
+        let mut barren = 0;
         for attempt in 0..self.settings.groundings {
             if control.should_stop() {
                 return None;
@@ -308,6 +309,11 @@ impl<'a> Search<'a> {
                 Ok(grounding) => grounding,
                 Err(failure) => {
                     self.explain(&failure);
+                    // Sampling chains is dear; what stands in the way is more likely elsewhere.
+                    barren += 1;
+                    if barren > 1 {
+                        return None;
+                    }
                     continue;
                 }
             };
@@ -395,6 +401,14 @@ impl<'a> Search<'a> {
     fn note_failure(&mut self, tau: usize, guide: &Guide) {
         self.tree[tau].failures += 1;
         let failures = self.tree[tau].failures;
+        // Every second failure puts the step that led here in doubt, every fourth the one before.
+        let mut doubtful = tau;
+        while self.tree[doubtful].failures.is_multiple_of(2)
+            && let Some(parent) = self.tree[doubtful].parent
+        {
+            self.tree[parent].failures += 1;
+            doubtful = parent;
+        }
         if failures.is_multiple_of(self.settings.patience)
             && matches!(self.problem.options.guidance, GuidanceKind::Smart)
             && let Some(action) = guide.immediate.choose(&mut self.rng)
