@@ -48,6 +48,52 @@ fn the_command_line_plans_and_the_judge_agrees() {
     assert!(String::from_utf8(judged.stdout).unwrap().starts_with("invalid"));
 }
 
+#[test]
+fn swaps_in_place_take_the_steps_of_the_mode_graph() {
+    let folder = tempfile::tempdir().unwrap();
+    let plan = folder.path().join("plan.json").to_str().unwrap().to_owned();
+    for (name, steps) in [("in_place_swap/1x2", 6), ("in_place_swap/2x2", 6), ("in_place_swap/3x2", 8)] {
+        let planned =
+            quadrille(&["plan", &scenario(name), "--budget", "2m", "--first-solution", "--out", &plan]);
+        let lines = String::from_utf8(planned.stderr).unwrap();
+        assert_eq!(planned.status.code(), Some(0), "{name}: {lines}");
+        let written: Value = serde_json::from_str(&fs::read_to_string(&plan).unwrap()).unwrap();
+        assert_eq!(written["metrics"]["mode_graph_optimum"], json!(steps), "{name}");
+        assert!(written["metrics"]["steps"].as_u64() >= Some(steps), "{name}");
+        let judged = quadrille(&["verify", &scenario(name), &plan]);
+        assert_eq!(judged.status.code(), Some(0), "{name}");
+    }
+}
+
+#[test]
+fn a_rerun_by_iterations_is_the_same_bytes() {
+    let run = || {
+        let arguments = ["plan", &scenario("switch/2x2"), "--budget", "5m", "--max-iterations", "25"];
+        let planned = quadrille(&arguments);
+        assert_eq!(planned.status.code(), Some(0), "{}", String::from_utf8_lossy(&planned.stderr));
+        let text = String::from_utf8(planned.stdout).unwrap();
+        // The one figure that is a time of day.
+        let (before, after) = text.split_once("\"found_after_s\":").unwrap();
+        let rest = after.trim_start_matches(|c: char| c.is_ascii_digit() || "+-.e".contains(c));
+        format!("{before}{rest}")
+    };
+    assert_eq!(run(), run());
+}
+
+#[test]
+fn goals_that_are_met_already_take_a_plan_that_stands_still() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
+    let mut problem: Value =
+        serde_json::from_str(&fs::read_to_string(scenario("switch/2x2")).unwrap()).unwrap();
+    problem["goal"] = problem["initial"].clone();
+    fs::write(file("problem.json"), problem.to_string()).unwrap();
+    let planned = quadrille(&["plan", &file("problem.json"), "--budget", "1m", "--out", &file("plan.json")]);
+    assert_eq!(planned.status.code(), Some(0), "{}", String::from_utf8_lossy(&planned.stderr));
+    let judged = quadrille(&["verify", &file("problem.json"), &file("plan.json")]);
+    assert_eq!(judged.status.code(), Some(0), "{}", String::from_utf8_lossy(&judged.stdout));
+}
+
 /// The service as a process of its own, with one planner thread; killed when dropped.
 struct Service {
     process: Child,

@@ -164,9 +164,9 @@ impl<'a> Run<'a, '_> {
                         search.set_incumbent(cost);
                     }
                 }
-                Report::Solved => {
-                    self.nothing_to_do();
-                    return;
+                Report::Solved(candidate) => {
+                    self.judge(&candidate, search.certificate());
+                    self.lock(|board| self.end(board, Termination::NoImprovement));
                 }
                 Report::Nothing => {}
             }
@@ -288,11 +288,6 @@ impl<'a> Run<'a, '_> {
             actions: candidate.actions.clone(),
             verification: None,
         }
-    }
-
-    /// Every goal is met at the start: the plan is to stand still.
-    fn nothing_to_do(&self) {
-        self.lock(|board| self.end(board, Termination::Optimal));
     }
 
     fn outcome(self) -> Outcome {

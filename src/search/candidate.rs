@@ -1,9 +1,10 @@
 //! `retrace`: from a goal vertex back to the root, as trajectories and actions.
 
+use crate::kinematics::Config;
 use crate::motion::StepMotion;
 use crate::plan::{Action, ActionKind, ArmTrajectory};
 use crate::problem::Objective;
-use crate::trajectory::Curve;
+use crate::trajectory::{Curve, MIN_SPACING_S};
 use crate::workcell::ObjectId;
 
 /// A complete plan as the search found it, not yet judged.
@@ -22,6 +23,13 @@ pub struct Candidate {
 }
 
 impl Candidate {
+    /// The plan of a problem whose goals are all met at the start: a moment's rest.
+    pub(super) fn standing(joints: &[Config]) -> Self {
+        let duration = MIN_SPACING_S;
+        let curves = joints.iter().map(|q| Curve::rest(q, duration)).collect();
+        Self { curves, actions: Vec::new(), duration, arc_length: 0.0, steps: 0 }
+    }
+
     /// Joins the motions of the steps; the last may be a motion without actions (the arms leave,
     /// or go home).
     pub(super) fn join(steps: &[(&StepMotion, &[(ObjectId, ActionKind)])]) -> Option<Self> {

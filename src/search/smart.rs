@@ -30,8 +30,9 @@ pub enum Report {
     Candidate(Candidate),
     /// Nothing that the caller must act on.
     Nothing,
-    /// The guidance says that there is nothing to search: every goal is met already.
-    Solved,
+    /// Every goal is met at the start: the plan, to be judged, is to stand still, and no search can
+    /// better it.
+    Solved(Candidate),
 }
 
 /// The anytime tree search.
@@ -451,9 +452,10 @@ impl<'a> Search<'a> {
         if let Some(tail) = &tail {
             parts.push((tail, &[]));
         }
-        let Some(candidate) = Candidate::join(&parts) else {
-            return if parts.is_empty() { Report::Solved } else { Report::Nothing };
-        };
+        if parts.is_empty() {
+            return Report::Solved(Candidate::standing(&self.problem.initial_joints));
+        }
+        let Some(candidate) = Candidate::join(&parts) else { return Report::Nothing };
         let cost = candidate.cost(self.problem.options.objective);
         if self.best.is_some_and(|best| cost >= best) {
             return Report::Nothing;
