@@ -1,7 +1,7 @@
 //! From a problem to judged incumbents.
 
 use std::sync::Mutex;
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::atomic::{AtomicU64, Ordering};
 
 use crate::collision::CollisionWorld;
 use crate::guidance::{Answer, Certificate, Cuts, Effort, Instance, Network, Proof, solve};
@@ -60,7 +60,6 @@ pub fn plan(
         bound: bound.steps,
         stop: CancelToken::new(),
         iterations: AtomicU64::new(0),
-        proved: AtomicBool::new(false),
         board: Mutex::new(Board {
             observe,
             best: None,
@@ -110,7 +109,6 @@ struct Run<'a, 'o> {
     /// Raised when one thread has met a stop condition.
     stop: CancelToken,
     iterations: AtomicU64,
-    proved: AtomicBool,
     board: Mutex<Board<'o>>,
 }
 
@@ -129,21 +127,20 @@ struct Board<'o> {
 impl<'a> Run<'a, '_> {
     fn search_with(&self, threads: usize, contacts: Contacts<'a>, seed: Seed) {
         if threads == 1 {
-            self.search(contacts, seed, seed);
+            self.search(contacts, seed);
             return;
         }
         std::thread::scope(|scope| {
             for index in 0..threads {
                 let own = seed.part(index as u64);
                 let contacts = contacts.clone().with_rng(own.stream("contacts"));
-                scope.spawn(move || self.search(contacts, own, seed));
+                scope.spawn(move || self.search(contacts, own));
             }
         });
     }
 
     /// One thread's search until a stop condition is met.
-    fn search(&self, contacts: Contacts<'a>, seed: Seed, guidance_seed: Seed) {
-        let _ = guidance_seed;
+    fn search(&self, contacts: Contacts<'a>, seed: Seed) {
         let mut search = Search::new(
             self.problem,
             self.world,
@@ -258,7 +255,6 @@ impl<'a> Run<'a, '_> {
         } else if options.objective == Objective::Steps && candidate.steps <= self.bound {
             // Fewer steps are impossible; a shorter duration at the same steps still counts, but
             // the objective itself is at its least.
-            self.proved.store(true, Ordering::Relaxed);
             self.end(board, Termination::Optimal);
         }
     }
