@@ -136,13 +136,13 @@ impl Atom {
                 if gap >= need {
                     return gap;
                 }
-                return self.exact.signed_distance(&at.body, &other.exact, &other_at.body, need);
+                return self.exact.gap(&at.body, &other.exact, &other_at.body, need);
             }
         };
         if bound >= need || (self.core_is_exact && other.core_is_exact) {
             bound
         } else {
-            self.exact.signed_distance(&at.body, &other.exact, &other_at.body, need)
+            self.exact.gap(&at.body, &other.exact, &other_at.body, need)
         }
     }
 }

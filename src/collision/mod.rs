@@ -16,6 +16,7 @@
 mod arm_bodies;
 mod atom;
 mod certify;
+mod hand;
 mod scene;
 mod segment_distance;
 mod world;

@@ -62,6 +62,22 @@ impl ExactShape {
             Err(_) => f64::NEG_INFINITY,
         }
     }
+
+    /// Like [`Self::signed_distance`], but of overlapping shapes it says negative infinity: how
+    /// deep they are in each other is the dear part, and does not matter to who asks whether.
+    pub fn gap(&self, body: &Pose, other: &Self, other_body: &Pose, cutoff: f64) -> f64 {
+        let far = self.ball_distance(body, other, other_body);
+        if far > cutoff {
+            return far;
+        }
+        let a = to_parry_pose(&(body * self.local));
+        let b = to_parry_pose(&(other_body * other.local));
+        match query::intersection_test(&a, self.shape.as_ref(), &b, other.shape.as_ref()) {
+            Ok(found) if !found.intersecting => self.signed_distance(body, other, other_body, cutoff),
+            // Every pair of convex shapes is supported; an unsupported one counts as overlap.
+            Ok(_) | Err(_) => f64::NEG_INFINITY,
+        }
+    }
 }
 
 /// A pose as parry takes it.

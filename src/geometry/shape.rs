@@ -7,7 +7,7 @@ use parry3d_f64::shape::{ConvexPolyhedron, SharedShape};
 use super::{Pose, Vec3};
 
 /// A convex shape in its own frame, origin at its centre (hulls: as given). Lengths in metres.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, PartialEq)]
 pub enum Shape {
     /// A box by its half extents.
     Box {
@@ -50,6 +50,13 @@ pub enum ShapeError {
     /// The points do not span a volume.
     #[error("the points do not span a volume; give at least four points that are not in one plane")]
     FlatHull,
+}
+
+impl PartialEq for ConvexHull {
+    /// Equal hulls have the same vertices in the same order.
+    fn eq(&self, other: &Self) -> bool {
+        self.vertices == other.vertices
+    }
 }
 
 impl ConvexHull {
@@ -136,7 +143,7 @@ impl Shape {
 }
 
 /// A shape at a pose in the frame of the body that it belongs to.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct PlacedShape {
     /// The shape.
     pub shape: Shape,

@@ -10,7 +10,8 @@ use crate::workcell::{ArmId, ObjectId, SurfaceId};
 use super::graph::{
     GraphKind, ModeEdge, ModeGoal, ModeGraph, ModeNode, ModeObject, NodeConflict, Place, Region, Slot,
 };
-use super::handoffs::{Handover, RestHolds, handoffs};
+use super::handoffs::{Handover, handoffs};
+use super::holds::RestHolds;
 use super::proof::Proof;
 use super::reach::Reach;
 use super::slots::{Slots, symmetric_poses};

@@ -2,20 +2,11 @@
 
 use crate::problem::Problem;
 use crate::run::Control;
-use crate::workcell::{ArmId, ObjectId};
+use crate::workcell::{Arm, ArmId, ObjectId};
 
+use super::holds::{ArmHolds, RestHolds};
 use super::proof::Proof;
-use super::reach::{HandoffWitness, Hold, Reach};
-
-/// How each arm may hold an object of the class when it takes it off a surface, and when it puts
-/// it on one.
-#[derive(Debug, Clone)]
-pub(super) struct RestHolds {
-    /// By arm, from picks (or from the start, in the hand).
-    pub(super) picked: Vec<Vec<Hold>>,
-    /// By arm, for places.
-    pub(super) placeable: Vec<Vec<Hold>>,
-}
+use super::reach::{HandoffWitness, Hold, Reach, RestAction};
 
 /// A pair of arms that can hand over, with a case of it.
 #[derive(Debug)]
@@ -38,14 +29,6 @@ pub(super) fn handoffs(
 ) -> (Vec<Handover>, bool) {
     let arms = &problem.workcell.arms;
     let class = problem.objects[object.0].class;
-    let all: Vec<Vec<Hold>> = arms
-        .iter()
-        .map(|arm| {
-            let grasps = problem.objects[object.0].grasps.iter().enumerate();
-            let usable = grasps.filter(|(_, grasp)| grasp.fits(arm.tool.max_opening));
-            usable.map(|(n, g)| Hold { grasp: Some(n), object_in_tcp: g.object_in_tcp }).collect()
-        })
-        .collect();
     let mut pairs: Vec<(usize, usize)> = (0..arms.len())
         .flat_map(|a| (0..arms.len()).map(move |b| (a, b)))
         .filter(|&(a, b)| a != b && proof.may_meet(ArmId(a), ArmId(b), class))
@@ -53,50 +36,142 @@ pub(super) fn handoffs(
     let apart =
         |&(a, b): &(usize, usize)| (arms[a].base.translation.vector - arms[b].base.translation.vector).norm();
     pairs.sort_by(|x, y| apart(x).total_cmp(&apart(y)));
-    let passes_on = |arm: usize, not_to: usize| pairs.iter().any(|&(from, to)| from == arm && to != not_to);
-    let mut obtained = holds.picked.clone();
+    let mut finder = Finder {
+        reach,
+        object,
+        is_mirrored: problem.objects[object.0].approach == problem.objects[object.0].retreat,
+        all: arms.iter().map(|arm| every_hold(problem, object, arm)).collect(),
+        obtained: holds.picked.clone(),
+        placeable: holds.placeable.clone(),
+        found: Vec::new(),
+    };
     // How many holds the giver had when the pair was tried last.
     let mut tried = vec![0; pairs.len()];
-    let mut found: Vec<Handover> = Vec::new();
     loop {
         let mut changed = false;
         for (index, &(a, b)) in pairs.iter().enumerate() {
-            let (giver, receiver) = (ArmId(a), ArmId(b));
-            let known = found.iter().any(|pair| pair.giver == giver && pair.receiver == receiver);
-            if known || obtained[a].len() <= tried[index] {
+            let count = finder.obtained[a].likely.len();
+            if finder.is_known(a, b) || count <= tried[index] {
                 continue;
             }
             if control.should_stop() {
-                return (found, false);
+                return (finder.found, false);
             }
-            tried[index] = obtained[a].len();
-            let placeable = &holds.placeable[b];
-            let mut witness = None;
-            if !placeable.is_empty() {
-                witness = reach.handoff(giver, receiver, object, &obtained[a], placeable);
-            }
-            if witness.is_none() && passes_on(b, a) {
-                let others: Vec<Hold> = all[b]
-                    .iter()
-                    .filter(|hold| !placeable.iter().any(|p| p.grasp == hold.grasp))
-                    .copied()
-                    .collect();
-                if !others.is_empty() {
-                    witness = reach.handoff(giver, receiver, object, &obtained[a], &others);
-                }
-            }
-            if let Some(witness) = witness {
-                found.push(Handover { giver, receiver, witness });
-                changed = true;
-                for hold in &all[b] {
-                    if !obtained[b].iter().any(|known| known.grasp == hold.grasp) {
-                        obtained[b].push(*hold);
-                    }
-                }
-            }
+            tried[index] = count;
+            let passes_on = pairs.iter().any(|&(from, to)| from == b && to != a);
+            changed |= finder.find(ArmId(a), ArmId(b), passes_on);
         }
         if !changed {
-            return (found, true);
+            return (finder.found, true);
         }
+    }
+}
+
+/// Every grasp of the object that fits the arm's gripper.
+fn every_hold(problem: &Problem, object: ObjectId, arm: &Arm) -> Vec<Hold> {
+    let grasps = problem.objects[object.0].grasps.iter().enumerate();
+    let usable = grasps.filter(|(_, grasp)| grasp.fits(arm.tool.max_opening));
+    usable.map(|(n, g)| Hold { grasp: Some(n), object_in_tcp: g.object_in_tcp }).collect()
+}
+
+/// What is known while handoffs of one class are looked for.
+struct Finder<'a> {
+    reach: &'a mut dyn Reach,
+    object: ObjectId,
+    /// Whether a handoff backwards in time is a handoff: the giver's retreat is then the
+    /// receiver's approach.
+    is_mirrored: bool,
+    /// By arm, all grasps that it can use at all.
+    all: Vec<Vec<Hold>>,
+    /// By arm, the holds in which it may come to have an object.
+    obtained: Vec<ArmHolds>,
+    /// By arm, the holds in which it may put one down.
+    placeable: Vec<ArmHolds>,
+    found: Vec<Handover>,
+}
+
+impl Finder<'_> {
+    fn is_known(&self, giver: usize, receiver: usize) -> bool {
+        self.found.iter().any(|pair| pair.giver.0 == giver && pair.receiver.0 == receiver)
+    }
+
+    /// Looks for a handoff to be placed, then for one to be passed on; whether there is one.
+    fn find(&mut self, giver: ArmId, receiver: ArmId, passes_on: bool) -> bool {
+        let witness = self
+            .backwards(giver, receiver, passes_on)
+            .or_else(|| self.to_be_placed(giver, receiver))
+            .or_else(|| if passes_on { self.to_be_passed_on(giver, receiver) } else { None });
+        let Some(witness) = witness else { return false };
+        self.found.push(Handover { giver, receiver, witness });
+        let all = self.all[receiver.0].clone();
+        self.obtained[receiver.0].add_certain(&all);
+        true
+    }
+
+    /// The handoff found the other way round, if it is one this way too.
+    fn backwards(&mut self, giver: ArmId, receiver: ArmId, passes_on: bool) -> Option<HandoffWitness> {
+        let other = self.found.iter().find(|pair| pair.giver == receiver && pair.receiver == giver)?;
+        if !self.is_mirrored {
+            return None;
+        }
+        let witness = HandoffWitness {
+            giver_q: other.witness.receiver_q.clone(),
+            receiver_q: other.witness.giver_q.clone(),
+            giver_hold: other.witness.receiver_hold,
+            receiver_hold: other.witness.giver_hold,
+        };
+        if !self.confirm_giver(giver, &witness.giver_hold) {
+            return None;
+        }
+        let is_grasp = witness.receiver_hold.grasp.is_some();
+        let placed = is_grasp && self.confirm_receiver(receiver, &witness.receiver_hold);
+        (placed || (is_grasp && passes_on)).then_some(witness)
+    }
+
+    /// A handoff to a hold in which the receiver can put the object down.
+    fn to_be_placed(&mut self, giver: ArmId, receiver: ArmId) -> Option<HandoffWitness> {
+        loop {
+            let (giving, taking) = (&self.obtained[giver.0].likely, &self.placeable[receiver.0].likely);
+            if giving.is_empty() || taking.is_empty() {
+                return None;
+            }
+            let witness = self.reach.handoff(giver, receiver, self.object, giving, taking)?;
+            // Each round without success leaves fewer holds to try.
+            let gives = self.confirm_giver(giver, &witness.giver_hold);
+            if gives && self.confirm_receiver(receiver, &witness.receiver_hold) {
+                return Some(witness);
+            }
+        }
+    }
+
+    /// A handoff to a hold in which the receiver cannot put the object down.
+    fn to_be_passed_on(&mut self, giver: ArmId, receiver: ArmId) -> Option<HandoffWitness> {
+        let placeable = &self.placeable[receiver.0].likely;
+        let others: Vec<Hold> = self.all[receiver.0]
+            .iter()
+            .filter(|hold| !placeable.iter().any(|known| known.grasp == hold.grasp))
+            .copied()
+            .collect();
+        if others.is_empty() {
+            return None;
+        }
+        loop {
+            let giving = &self.obtained[giver.0].likely;
+            if giving.is_empty() {
+                return None;
+            }
+            let witness = self.reach.handoff(giver, receiver, self.object, giving, &others)?;
+            if self.confirm_giver(giver, &witness.giver_hold) {
+                return Some(witness);
+            }
+        }
+    }
+
+    fn confirm_giver(&mut self, arm: ArmId, hold: &Hold) -> bool {
+        self.obtained[arm.0].confirm(self.reach, RestAction::Pick, arm, hold)
+    }
+
+    fn confirm_receiver(&mut self, arm: ArmId, hold: &Hold) -> bool {
+        self.placeable[arm.0].confirm(self.reach, RestAction::Place, arm, hold)
     }
 }

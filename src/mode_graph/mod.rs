@@ -12,6 +12,7 @@ mod fingers;
 mod footprint;
 mod graph;
 mod handoffs;
+mod holds;
 mod optimistic;
 mod packing;
 mod print;

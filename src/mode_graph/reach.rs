@@ -43,9 +43,10 @@ pub struct HandoffWitness {
 /// out of account, the static workcell is not. Answers must be deterministic for a given sequence
 /// of questions.
 pub trait Reach {
-    /// The holds among the object's grasps by which `arm` can do `action` with `object` at rest at
-    /// `pose` (world) on `surface`.
-    fn holds(
+    /// Holds among the object's grasps by which `arm` may be able to do `action` with `object` at
+    /// rest at `pose` (world) on `surface`: all by which it can, and perhaps some by which it
+    /// cannot. Meant to be cheap.
+    fn possible_holds(
         &mut self,
         action: RestAction,
         arm: ArmId,
@@ -54,7 +55,18 @@ pub trait Reach {
         surface: SurfaceId,
     ) -> Vec<Hold>;
 
-    /// Whether there is any such hold.
+    /// Whether `arm` can do `action` in the given hold.
+    fn has_hold(
+        &mut self,
+        action: RestAction,
+        arm: ArmId,
+        object: ObjectId,
+        pose: &Pose,
+        surface: SurfaceId,
+        hold: &Hold,
+    ) -> bool;
+
+    /// Whether there is any hold by which it can.
     fn reaches(
         &mut self,
         action: RestAction,
@@ -63,7 +75,8 @@ pub trait Reach {
         pose: &Pose,
         surface: SurfaceId,
     ) -> bool {
-        !self.holds(action, arm, object, pose, surface).is_empty()
+        let possible = self.possible_holds(action, arm, object, pose, surface);
+        possible.iter().any(|hold| self.has_hold(action, arm, object, pose, surface, hold))
     }
 
     /// A handoff of `object` from `giver`, which has it in one of `giver_holds`, to `receiver`,

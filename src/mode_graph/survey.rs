@@ -8,7 +8,7 @@ use crate::workcell::{ArmId, ObjectId, SurfaceId};
 use super::fingers::finger_clearance;
 use super::footprint::Footprint;
 use super::graph::{Slot, Spot};
-use super::handoffs::RestHolds;
+use super::holds::{RestHolds, is_close, merge};
 use super::packing::{Bed, pack};
 use super::proof::Proof;
 use super::reach::{Hold, Reach, RestAction};
@@ -81,14 +81,20 @@ impl Surveyor<'_> {
                 continue;
             }
             let picks = slot.start_of.map(|object| {
-                let found = self.reach.holds(RestAction::Pick, arm, object, &slot.pose, slot.surface);
-                merge(&mut holds.picked[arm.0], &found);
-                !found.is_empty()
+                let good = self.reach.reaches(RestAction::Pick, arm, object, &slot.pose, slot.surface);
+                if good {
+                    let likely =
+                        self.reach.possible_holds(RestAction::Pick, arm, object, &slot.pose, slot.surface);
+                    holds.picked[arm.0].add(object, &[slot.pose], slot.surface, &likely);
+                }
+                good
             });
             let places = slot.goal_of.map(|object| {
-                let found = self.goal_holds(arm, object, &poses, slot.surface);
-                merge(&mut holds.placeable[arm.0], &found);
-                !found.is_empty()
+                let likely = self.goal_holds(arm, object, &poses, slot.surface);
+                if let Some(likely) = &likely {
+                    holds.placeable[arm.0].add(object, &poses, slot.surface, likely);
+                }
+                likely.is_some()
             });
             // What is not asked of the slot itself follows from the mirror image where it can.
             let is_mirrored = self.is_mirrored(member);
@@ -110,13 +116,21 @@ impl Surveyor<'_> {
         out
     }
 
-    /// The holds in which `arm` can place `object` at any of its goal `poses`, of which the first
-    /// is the one given. A grasp at a symmetric pose is another grasp at the first one; only where
-    /// that is none of the object's grasps the pose itself is asked about.
-    fn goal_holds(&mut self, arm: ArmId, object: ObjectId, poses: &[Pose], surface: SurfaceId) -> Vec<Hold> {
-        let Some(first) = poses.first() else { return Vec::new() };
-        let at_first = self.reach.holds(RestAction::Place, arm, object, first, surface);
-        let mut found = at_first.clone();
+    /// The holds in which `arm` may place `object` at any of its goal `poses`, of which the first
+    /// is the one given; `None` when it can place it at none. A grasp at a symmetric pose is
+    /// another grasp at the first one; only where that is none of the object's grasps the pose
+    /// itself is asked about.
+    fn goal_holds(
+        &mut self,
+        arm: ArmId,
+        object: ObjectId,
+        poses: &[Pose],
+        surface: SurfaceId,
+    ) -> Option<Vec<Hold>> {
+        let first = poses.first()?;
+        let at_first = self.reach.possible_holds(RestAction::Place, arm, object, first, surface);
+        let mut reached = self.reach.reaches(RestAction::Place, arm, object, first, surface);
+        let mut likely = at_first.clone();
         let model = &self.problem.objects[object.0];
         let opening = self.problem.workcell.arms[arm.0].tool.max_opening;
         for pose in &poses[1..] {
@@ -127,18 +141,19 @@ impl Surveyor<'_> {
                 match model.grasps.iter().position(|other| is_close(&other.object_in_tcp, &same)) {
                     Some(other) if at_first.iter().any(|hold| hold.grasp == Some(other)) => {
                         let hold = Hold { grasp: Some(number), object_in_tcp: grasp.object_in_tcp };
-                        merge(&mut found, &[hold]);
+                        merge(&mut likely, &[hold]);
                     }
                     Some(_) => {}
                     None => unknown = true,
                 }
             }
             if unknown {
-                let more = self.reach.holds(RestAction::Place, arm, object, pose, surface);
-                merge(&mut found, &more);
+                let more = self.reach.possible_holds(RestAction::Place, arm, object, pose, surface);
+                merge(&mut likely, &more);
+                reached = reached || self.reach.reaches(RestAction::Place, arm, object, pose, surface);
             }
         }
-        found
+        reached.then_some(likely)
     }
 
     /// The groups of placements for `class` on `surface`: packed spots around all slots, and the
@@ -261,13 +276,14 @@ impl Surveyor<'_> {
                 self.complete = false;
                 return;
             }
-            if holds.picked[arm.0].is_empty() {
-                let picks = self.reach.holds(RestAction::Pick, arm, object, pose, surface);
-                merge(&mut holds.picked[arm.0], &picks);
-            }
-            if holds.placeable[arm.0].is_empty() {
-                let places = self.reach.holds(RestAction::Place, arm, object, pose, surface);
-                merge(&mut holds.placeable[arm.0], &places);
+            for (action, known) in [
+                (RestAction::Pick, &mut holds.picked[arm.0]),
+                (RestAction::Place, &mut holds.placeable[arm.0]),
+            ] {
+                if known.is_empty() {
+                    let likely = self.reach.possible_holds(action, arm, object, pose, surface);
+                    known.add(object, &[*pose], surface, &likely);
+                }
             }
         }
     }
@@ -275,30 +291,16 @@ impl Surveyor<'_> {
     /// The holds that objects of `class` are in at the start.
     pub(super) fn initial_holds(&self, class: usize) -> RestHolds {
         let count = self.problem.workcell.arms.len();
-        let mut holds = RestHolds { picked: vec![Vec::new(); count], placeable: vec![Vec::new(); count] };
+        let mut holds = RestHolds::none(count);
         for (object, initial) in self.problem.objects.iter().zip(&self.problem.initial) {
             if let InitialPlacement::Held { arm, object_in_tcp } = initial
                 && object.class == class
             {
                 let grasp =
                     object.grasps.iter().position(|grasp| is_close(&grasp.object_in_tcp, object_in_tcp));
-                merge(&mut holds.picked[arm.0], &[Hold { grasp, object_in_tcp: *object_in_tcp }]);
+                holds.picked[arm.0].add_certain(&[Hold { grasp, object_in_tcp: *object_in_tcp }]);
             }
         }
         holds
     }
-}
-
-/// Adds to `known` the holds of `found` that are not there yet.
-fn merge(known: &mut Vec<Hold>, found: &[Hold]) {
-    for hold in found {
-        if !known.iter().any(|other| is_close(&other.object_in_tcp, &hold.object_in_tcp)) {
-            known.push(*hold);
-        }
-    }
-}
-
-/// Whether two holds are one, but for rounding.
-fn is_close(a: &Pose, b: &Pose) -> bool {
-    (a.translation.vector - b.translation.vector).norm() < 1e-6 && a.rotation.angle_to(&b.rotation) < 1e-5
 }

@@ -13,9 +13,7 @@ use crate::guidance::NodeId;
 use crate::kinematics::Config;
 use crate::problem::Problem;
 use crate::run::Rng;
-use crate::transition::{
-    ContactKind, ContactQuery, Contacts, HandoffContact, HandoffQuery, sample_handoffs, travel_time,
-};
+use crate::transition::{ContactKind, ContactQuery, Contacts, HandoffContact, HandoffQuery, travel_time};
 use crate::workcell::{ArmId, ObjectId, SurfaceId, Symmetry};
 
 use super::tree::Whereabouts;
@@ -82,10 +80,8 @@ impl ChainPlanner<'_, '_> {
             return None;
         }
         if request.arms.len() == 1 {
-            let fitting: Vec<Hold> = start
-                .into_iter()
-                .filter(|(_, hold)| !self.contacts.at(&place(first), hold).is_empty())
-                .collect();
+            let fitting: Vec<Hold> =
+                start.into_iter().filter(|(_, hold)| self.contacts.has(&place(first), hold)).collect();
             let hold = self.cheapest_hold(request, first, &target, &fitting)?;
             let (node, wanted) = (request.node, request.wanted);
             return Some(Chain { carriers: vec![(first, hold)], handoffs: Vec::new(), target, node, wanted });
@@ -111,7 +107,7 @@ impl ChainPlanner<'_, '_> {
                 giver_near: &giver_near,
                 receiver_near: &receiver_near,
             };
-            let found = sample_handoffs(self.problem, self.world, &asked, self.handoff_tries, 4, self.rng);
+            let found = self.contacts.handoffs(&asked, self.handoff_tries, 4, self.rng);
             let chosen =
                 if self.rng.random_bool(0.7) { found.first() } else { found.choose(self.rng) }?.clone();
             receiver_holds = vec![(usize::MAX, chosen.giver_hold)];

@@ -260,7 +260,7 @@ impl<'a> Grounder<'a> {
         let taken = self.contacts.holds(&query(ContactKind::Pick, arm, object, from));
         goals.iter().any(|&goal| {
             let put_down = query(ContactKind::Place, arm, object, goal);
-            taken.iter().any(|(_, hold)| !self.contacts.at(&put_down, hold).is_empty())
+            taken.iter().any(|(_, hold)| self.contacts.has(&put_down, hold))
         })
     }
 

@@ -10,10 +10,14 @@ use crate::problem::Problem;
 use crate::run::Rng;
 use crate::workcell::{Arm, ArmId, ObjectId};
 
+use super::hands::Hands;
 use super::line::Line;
 
-/// Pairs of holds that are looked at for one query.
-const GREATEST_PAIRS: usize = 400;
+/// Random pairs of holds that are looked at before all pairs are.
+const DRAWS_OF_HOLDS: usize = 40;
+
+/// Candidates to choose from for each handoff that is wanted.
+const HANDFUL: usize = 6;
 
 /// Which handoff is asked for.
 #[derive(Debug, Clone)]
@@ -54,11 +58,13 @@ pub struct HandoffContact {
     pub cost: f64,
 }
 
-/// Samples handoffs with `tries` random object poses, and returns up to `most` of them, the
-/// cheapest first. With several more hits than `most` it stops early.
-pub fn sample_handoffs(
+/// Samples handoffs with up to `tries` random object poses, and returns up to `most` of them, the
+/// cheapest first. Of each handful that inverse kinematics allows the cheapest are grounded first,
+/// until there are `most`.
+pub(super) fn sample_handoffs(
     problem: &Problem,
     world: &CollisionWorld,
+    hands: &mut Hands<'_>,
     query: &HandoffQuery<'_>,
     tries: usize,
     most: usize,
@@ -73,45 +79,45 @@ pub fn sample_handoffs(
         approach: problem.objects[query.object.0].approach,
         retreat: problem.objects[query.object.0].retreat,
     };
-    let pairs = sampler.compatible_holds(rng);
-    let (centre, spread) = sampler.meeting_place();
     let mut found: Vec<HandoffContact> = Vec::new();
-    let mut hits = 0;
-    let mut giver_solutions = Vec::new();
-    let mut receiver_solutions = Vec::new();
-    for _ in 0..tries {
-        if hits >= 4 * most {
-            break;
-        }
-        let Some(&(giver_hold, receiver_hold)) = pairs.choose(rng) else { break };
-        let place = Vec3::from_fn(|i, _| centre[i] + spread[i] * rng.random_range(-1.0..1.0));
-        let pose = Pose::from_parts(place.into(), random_rotation(rng));
-        let mount =
-            |arm: &Arm, hold: &Pose| arm.base.inverse() * pose * hold.inverse() * arm.tool.tcp.inverse();
-        let target = mount(sampler.giver, &giver_hold);
-        sampler.giver.model.inverse(&sampler.giver.limits, &target, 2, rng, &mut giver_solutions);
-        if giver_solutions.is_empty() {
-            continue;
-        }
-        let target = mount(sampler.receiver, &receiver_hold);
-        sampler.receiver.model.inverse(&sampler.receiver.limits, &target, 2, rng, &mut receiver_solutions);
-        let pairs = giver_solutions.iter().flat_map(|g| receiver_solutions.iter().map(move |r| (g, r)));
-        for (giver_q, receiver_q) in pairs {
-            let cost = sampler.cost(giver_q, receiver_q);
-            if found.len() >= most && found.last().is_some_and(|worst| worst.cost <= cost) {
-                continue;
+    let mut left = tries;
+    while left > 0 && found.len() < most {
+        let mut handful = Vec::new();
+        while left > 0 && handful.len() < HANDFUL * most {
+            left -= 1;
+            match sampler.draw(hands, rng) {
+                Draw::Hit(candidate) => handful.push(candidate),
+                Draw::Miss => {}
+                Draw::NoHolds => left = 0,
             }
-            if let Some(contact) = sampler.ground((&giver_hold, giver_q), (&receiver_hold, receiver_q), cost)
-            {
-                hits += 1;
-                let at = found.partition_point(|other| other.cost <= cost);
-                found.insert(at, contact);
-                found.truncate(most);
+        }
+        handful.sort_by(|a, b| a.cost.total_cmp(&b.cost));
+        for candidate in handful {
+            if found.len() >= most {
                 break;
             }
+            found.extend(sampler.ground(&candidate));
         }
     }
+    found.sort_by(|a, b| a.cost.total_cmp(&b.cost));
     found
+}
+
+/// Two arms at a handoff that inverse kinematics allows, not checked for anything else.
+struct Candidate {
+    giver_hold: Pose,
+    receiver_hold: Pose,
+    giver_q: Config,
+    receiver_q: Config,
+    cost: f64,
+}
+
+/// One draw of holds and a place.
+enum Draw {
+    Hit(Candidate),
+    Miss,
+    /// There is no pair of holds in which the hands fit.
+    NoHolds,
 }
 
 struct Sampler<'a> {
@@ -124,28 +130,49 @@ struct Sampler<'a> {
 }
 
 impl Sampler<'_> {
-    /// Pairs of holds in which the two hands do not touch each other: this depends on nothing
-    /// else. Of very many pairs a random selection.
-    fn compatible_holds(&self, rng: &mut Rng) -> Vec<(Pose, Pose)> {
+    /// Two holds in which the hands do not touch each other; `None` when there are none.
+    fn draw_holds(&self, hands: &mut Hands<'_>, rng: &mut Rng) -> Option<(Pose, Pose)> {
         let (giving, taking) = (self.query.giver_holds, self.query.receiver_holds);
-        let apart = |giver: &Pose, receiver: &Pose| {
-            self.world.hands_apart(self.query.giver, self.query.receiver, &(giver * receiver.inverse()))
-        };
-        let mut pairs = Vec::new();
-        if giving.len() * taking.len() <= GREATEST_PAIRS {
-            for (_, giver) in giving {
-                pairs.extend(taking.iter().filter(|(_, r)| apart(giver, r)).map(|(_, r)| (*giver, *r)));
-            }
-        } else {
-            for _ in 0..GREATEST_PAIRS {
-                if let (Some((_, giver)), Some((_, receiver))) = (giving.choose(rng), taking.choose(rng))
-                    && apart(giver, receiver)
-                {
-                    pairs.push((*giver, *receiver));
-                }
+        let (giver, receiver) = (self.query.giver, self.query.receiver);
+        for _ in 0..DRAWS_OF_HOLDS {
+            let ((_, g), (_, r)) = (giving.choose(rng)?, taking.choose(rng)?);
+            if hands.fit((giver, g), (receiver, r)) {
+                return Some((*g, *r));
             }
         }
-        pairs
+        let all = giving.iter().flat_map(|(_, g)| taking.iter().map(move |(_, r)| (g, r)));
+        let fitting: Vec<(&Pose, &Pose)> =
+            all.filter(|(g, r)| hands.fit((giver, g), (receiver, r))).collect();
+        fitting.choose(rng).map(|(g, r)| (**g, **r))
+    }
+
+    fn draw(&self, hands: &mut Hands<'_>, rng: &mut Rng) -> Draw {
+        let Some((giver_hold, receiver_hold)) = self.draw_holds(hands, rng) else { return Draw::NoHolds };
+        let (centre, spread) = self.meeting_place();
+        let place = Vec3::from_fn(|i, _| centre[i] + spread[i] * rng.random_range(-1.0..1.0));
+        let pose = Pose::from_parts(place.into(), random_rotation(rng));
+        let mut solve = |arm: &Arm, hold: &Pose| {
+            let target = arm.base.inverse() * pose * hold.inverse() * arm.tool.tcp.inverse();
+            let mut solutions = Vec::new();
+            arm.model.inverse(&arm.limits, &target, 2, rng, &mut solutions);
+            solutions
+        };
+        let giving = solve(self.giver, &giver_hold);
+        if giving.is_empty() {
+            return Draw::Miss;
+        }
+        let taking = solve(self.receiver, &receiver_hold);
+        let pairs = giving.iter().flat_map(|g| taking.iter().map(move |r| (self.cost(g, r), g, r)));
+        match pairs.min_by(|a, b| a.0.total_cmp(&b.0)) {
+            Some((cost, g, r)) => Draw::Hit(Candidate {
+                giver_hold,
+                receiver_hold,
+                giver_q: g.clone(),
+                receiver_q: r.clone(),
+                cost,
+            }),
+            None => Draw::Miss,
+        }
     }
 
     fn cost(&self, giver_q: &[f64], receiver_q: &[f64]) -> f64 {
@@ -156,12 +183,8 @@ impl Sampler<'_> {
     }
 
     /// Completes one candidate with its lines, if it is free of collision.
-    fn ground(
-        &self,
-        (giver_hold, giver_q): (&Pose, &Config),
-        (receiver_hold, receiver_q): (&Pose, &Config),
-        cost: f64,
-    ) -> Option<HandoffContact> {
+    fn ground(&self, candidate: &Candidate) -> Option<HandoffContact> {
+        let Candidate { giver_hold, receiver_hold, giver_q, receiver_q, cost } = candidate;
         let (world, query) = (self.world, self.query);
         let empty = Scene::default();
         let none = Exemption::default();
@@ -213,7 +236,7 @@ impl Sampler<'_> {
             receiver_q: receiver_q.clone(),
             giver_retreat,
             receiver_approach,
-            cost,
+            cost: *cost,
         })
     }
 

@@ -6,11 +6,14 @@
 //! to step.
 
 mod contact;
+mod contacts;
 mod handoff;
+mod hands;
 mod line;
 mod reach;
 
-pub use contact::{Contact, ContactKind, ContactQuery, Contacts};
-pub use handoff::{HandoffContact, HandoffQuery, sample_handoffs, travel_time};
+pub use contact::{Contact, ContactKind, ContactQuery};
+pub use contacts::Contacts;
+pub use handoff::{HandoffContact, HandoffQuery, travel_time};
 pub use line::{LINE_RUNOUT, Line};
 pub use reach::SampledReach;

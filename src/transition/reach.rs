@@ -7,8 +7,9 @@ use crate::problem::Problem;
 use crate::run::{Rng, Seed};
 use crate::workcell::{ArmId, ObjectId, SurfaceId};
 
-use super::contact::{ContactKind, ContactQuery, Contacts};
-use super::handoff::{HandoffQuery, sample_handoffs};
+use super::contact::{ContactKind, ContactQuery};
+use super::contacts::Contacts;
+use super::handoff::HandoffQuery;
 
 /// Object poses tried before a handoff counts as impossible.
 const HANDOFF_TRIES: usize = 400;
@@ -16,8 +17,6 @@ const HANDOFF_TRIES: usize = 400;
 /// Reach by sampled transitions; what it finds stays in its [`Contacts`].
 #[derive(Debug)]
 pub struct SampledReach<'a> {
-    problem: &'a Problem,
-    world: &'a CollisionWorld,
     contacts: Contacts<'a>,
     rng: Rng,
 }
@@ -26,7 +25,7 @@ impl<'a> SampledReach<'a> {
     /// Nothing asked yet.
     pub fn new(problem: &'a Problem, world: &'a CollisionWorld, seed: Seed) -> Self {
         let contacts = Contacts::new(problem, world, seed.stream("reach/contacts"));
-        Self { problem, world, contacts, rng: seed.stream("reach/handoffs") }
+        Self { contacts, rng: seed.stream("reach/handoffs") }
     }
 
     /// The contacts found on the way.
@@ -50,7 +49,7 @@ fn contact_query(
 }
 
 impl Reach for SampledReach<'_> {
-    fn holds(
+    fn possible_holds(
         &mut self,
         action: RestAction,
         arm: ArmId,
@@ -59,10 +58,22 @@ impl Reach for SampledReach<'_> {
         surface: SurfaceId,
     ) -> Vec<Hold> {
         self.contacts
-            .holds(&contact_query(action, arm, object, pose, surface))
+            .possible_holds(&contact_query(action, arm, object, pose, surface))
             .into_iter()
             .map(|(grasp, object_in_tcp)| Hold { grasp: Some(grasp), object_in_tcp })
             .collect()
+    }
+
+    fn has_hold(
+        &mut self,
+        action: RestAction,
+        arm: ArmId,
+        object: ObjectId,
+        pose: &Pose,
+        surface: SurfaceId,
+        hold: &Hold,
+    ) -> bool {
+        self.contacts.has(&contact_query(action, arm, object, pose, surface), &hold.object_in_tcp)
     }
 
     fn reaches(
@@ -97,7 +108,7 @@ impl Reach for SampledReach<'_> {
             giver_near: &[],
             receiver_near: &[],
         };
-        let found = sample_handoffs(self.problem, self.world, &query, HANDOFF_TRIES, 1, &mut self.rng);
+        let found = self.contacts.handoffs(&query, HANDOFF_TRIES, 1, &mut self.rng);
         let contact = found.into_iter().next()?;
         let named = |holds: &[Hold], pose: &Pose| {
             let same = |hold: &&Hold| hold.object_in_tcp == *pose;

@@ -6,7 +6,7 @@ use crate::geometry::{PlacedShape, Pose};
 use crate::kinematics::{ArmModel, Config, JointLimits};
 
 /// A tool on an arm's mount link.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct Tool {
     /// The TCP frame in the mount link's frame: z out of the gripper, y the closing direction.
     pub tcp: Pose,

@@ -146,7 +146,14 @@ impl<'a> PlainReach<'a> {
 }
 
 impl Reach for PlainReach<'_> {
-    fn holds(&mut self, _: RestAction, arm: ArmId, object: ObjectId, pose: &Pose, _: SurfaceId) -> Vec<Hold> {
+    fn possible_holds(
+        &mut self,
+        _: RestAction,
+        arm: ArmId,
+        object: ObjectId,
+        pose: &Pose,
+        _: SurfaceId,
+    ) -> Vec<Hold> {
         self.asked += 1;
         let base = self.problem.workcell.arms[arm.0].base.translation.vector;
         let place = pose.translation.vector;
@@ -158,6 +165,18 @@ impl Reach for PlainReach<'_> {
             .map(|(number, grasp)| Hold { grasp: Some(number), object_in_tcp: grasp.object_in_tcp })
             .filter(|hold| -((pose * hold.object_in_tcp.inverse()).rotation * Vec3::z()).z >= self.steepest)
             .collect()
+    }
+
+    fn has_hold(
+        &mut self,
+        action: RestAction,
+        arm: ArmId,
+        object: ObjectId,
+        pose: &Pose,
+        surface: SurfaceId,
+        hold: &Hold,
+    ) -> bool {
+        self.possible_holds(action, arm, object, pose, surface).iter().any(|known| known.grasp == hold.grasp)
     }
 
     fn handoff(

@@ -1,0 +1,283 @@
+//! The memory of contacts: what was asked once is not sampled again, and no more is sampled than
+//! was asked.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+use crate::collision::{CollisionWorld, Exemption, Held, Scene, StraightMotion};
+use crate::geometry::Pose;
+use crate::kinematics::Config;
+use crate::problem::Problem;
+use crate::run::{Rng, Seed};
+use crate::workcell::{ArmId, ObjectId};
+
+use super::contact::{Contact, ContactKind, ContactQuery, Grounding};
+use super::handoff::{HandoffContact, HandoffQuery, sample_handoffs};
+use super::hands::Hands;
+
+/// Objects farther away (m) than this are in nobody's way while one is picked or placed.
+const NEIGHBOURHOOD: f64 = 0.6;
+
+/// A pose's numbers to the bit.
+type Bits = [u64; 7];
+
+/// A cache key: arm, whether it is about a place that no pick mirrors, class, pose and hold.
+type Key = (usize, bool, usize, Bits, Bits);
+
+/// Samples contacts, and remembers them.
+///
+/// The first contacts of a query and a hold depend on these alone, whatever was asked before:
+/// their configurations come from a stream of their own. [`Contacts::more`] draws from the stream
+/// that was handed in.
+#[derive(Debug, Clone)]
+pub struct Contacts<'a> {
+    problem: &'a Problem,
+    world: &'a CollisionWorld,
+    rng: Rng,
+    known: BTreeMap<Key, Entry>,
+    /// Whether the hand alone has room: by hand, class, pose and hold.
+    room: BTreeMap<(usize, usize, Bits, Bits), bool>,
+    hands: Hands<'a>,
+}
+
+/// What is known of one query and one hold.
+#[derive(Debug, Clone, Default)]
+struct Entry {
+    /// Configurations that were not looked at yet, the next one last.
+    open: Vec<Config>,
+    found: Arc<Vec<Contact>>,
+    /// The contacts found, reversed in time, where somebody asked for them.
+    reversed: Option<Arc<Vec<Contact>>>,
+}
+
+impl Entry {
+    fn push(&mut self, contacts: impl IntoIterator<Item = Contact>) {
+        Arc::make_mut(&mut self.found).extend(contacts);
+        self.reversed = None;
+    }
+}
+
+impl<'a> Contacts<'a> {
+    /// A sampler that draws further contacts from `rng`.
+    pub fn new(problem: &'a Problem, world: &'a CollisionWorld, rng: Rng) -> Self {
+        let hands = Hands::new(problem, world);
+        Self { problem, world, rng, known: BTreeMap::new(), room: BTreeMap::new(), hands }
+    }
+
+    /// The same knowledge, drawing from another stream from now on.
+    pub fn with_rng(mut self, rng: Rng) -> Self {
+        self.rng = rng;
+        self
+    }
+
+    /// Contacts that hold the object at `object_in_tcp`: at most the problem's `ik_solutions`,
+    /// sampled once and then remembered. Empty when none is found.
+    pub fn at(&mut self, query: &ContactQuery, object_in_tcp: &Pose) -> Arc<Vec<Contact>> {
+        let most = self.most();
+        self.ground(query, object_in_tcp, most)
+    }
+
+    /// The contact with number `index` of [`Self::at`], for which no later one is sampled.
+    pub fn nth(&mut self, query: &ContactQuery, object_in_tcp: &Pose, index: usize) -> Option<Contact> {
+        if index >= self.most() {
+            return None;
+        }
+        self.ground(query, object_in_tcp, index + 1).get(index).cloned()
+    }
+
+    /// Whether there is a contact that holds the object at `object_in_tcp`.
+    pub fn has(&mut self, query: &ContactQuery, object_in_tcp: &Pose) -> bool {
+        !self.ground(query, object_in_tcp, 1).is_empty()
+    }
+
+    /// Samples once more and adds what is found to what is remembered; whether there was any.
+    pub fn more(&mut self, query: &ContactQuery, object_in_tcp: &Pose) -> bool {
+        self.at(query, object_in_tcp);
+        let (asked, is_reversed) = self.canonical(query);
+        let grounding = Grounding::new(self.problem, self.world, &asked, object_in_tcp);
+        if !self.has_room(&asked, object_in_tcp, &grounding) {
+            return false;
+        }
+        let most = self.most();
+        let configurations = grounding.configurations(3 * most, &mut self.rng);
+        let fresh: Vec<Contact> =
+            configurations.iter().filter_map(|q| grounding.ground(q)).take(most).collect();
+        if fresh.is_empty() {
+            return false;
+        }
+        let entry = self.known.entry(self.key(&asked, is_reversed, object_in_tcp)).or_default();
+        entry.push(fresh);
+        // The oldest go first, so that a long run keeps sampling densely in bounded memory.
+        if entry.found.len() > 8 * most {
+            let surplus = entry.found.len() - 8 * most;
+            Arc::make_mut(&mut entry.found).drain(..surplus);
+        }
+        true
+    }
+
+    /// The holds (grasp number and object frame in the TCP frame) by which the contact can be had.
+    pub fn holds(&mut self, query: &ContactQuery) -> Vec<(usize, Pose)> {
+        let mut holds = self.possible_holds(query);
+        holds.retain(|(_, hold)| self.has(query, hold));
+        holds
+    }
+
+    /// The holds in which the arm's gripper fits around the object and the hand alone has room:
+    /// cheaper than [`Self::holds`], and never less.
+    pub fn possible_holds(&mut self, query: &ContactQuery) -> Vec<(usize, Pose)> {
+        let problem = self.problem;
+        let opening = problem.workcell.arms[query.arm.0].tool.max_opening;
+        let grasps = problem.objects[query.object.0].grasps.iter().enumerate();
+        grasps
+            .filter(|(_, grasp)| grasp.fits(opening))
+            .map(|(number, grasp)| (number, grasp.object_in_tcp))
+            .filter(|(_, hold)| {
+                let grounding = Grounding::new(problem, self.world, query, hold);
+                self.has_room(query, hold, &grounding)
+            })
+            .collect()
+    }
+
+    /// Whether the contact can be had by any grasp.
+    pub fn any(&mut self, query: &ContactQuery) -> bool {
+        self.possible_holds(query).iter().any(|(_, hold)| self.has(query, hold))
+    }
+
+    /// Whether a contact and its lines are clear of the other objects at rest in `scene` (the
+    /// object itself may be among them).
+    pub fn is_clear(&self, query: &ContactQuery, contact: &Contact, scene: &Scene) -> bool {
+        let near =
+            |pose: &Pose| (pose.translation.vector - query.pose.translation.vector).norm() < NEIGHBOURHOOD;
+        let others: Vec<(ObjectId, Pose)> =
+            scene.resting.iter().filter(|(id, pose)| *id != query.object && near(pose)).copied().collect();
+        if others.is_empty() {
+            return true;
+        }
+        let surface = &self.problem.workcell.surfaces[query.surface.0];
+        let touching = Exemption { hand_with: Some(query.object), held_with: surface.carrier };
+        let held = Held { object: query.object, object_in_tcp: contact.object_in_tcp };
+        let around = self.world.resting_atoms(&Scene { resting: others });
+        let (holding, without) = match query.kind {
+            ContactKind::Pick => (&contact.retreat, &contact.approach),
+            ContactKind::Place => (&contact.approach, &contact.retreat),
+        };
+        let along = |line: &super::line::Line, held: Option<&Held>| {
+            line.waypoints.windows(2).all(|pair| {
+                let motion = StraightMotion::new(&pair[0], &pair[1]);
+                self.world.static_free(query.arm, &motion, held, &around, touching)
+            })
+        };
+        along(holding, Some(&held)) && along(without, None)
+    }
+
+    /// [`Self::holds`] for which some contact of [`Self::at`] is clear of the objects in `scene`.
+    pub fn clear_holds(&mut self, query: &ContactQuery, scene: &Scene) -> Vec<(usize, Pose)> {
+        let mut holds = self.possible_holds(query);
+        holds.retain(|(_, hold)| {
+            (0..self.most())
+                .map_while(|index| self.nth(query, hold, index))
+                .collect::<Vec<_>>()
+                .iter()
+                .any(|contact| self.is_clear(query, contact, scene))
+        });
+        holds
+    }
+
+    /// Handoffs, sampled anew: see [`sample_handoffs`].
+    pub fn handoffs(
+        &mut self,
+        query: &HandoffQuery<'_>,
+        tries: usize,
+        most: usize,
+        rng: &mut Rng,
+    ) -> Vec<HandoffContact> {
+        sample_handoffs(self.problem, self.world, &mut self.hands, query, tries, most, rng)
+    }
+
+    fn most(&self) -> usize {
+        self.problem.options.ik_solutions.max(1)
+    }
+
+    /// The query that is remembered, and whether the one asked is that backwards in time. A place
+    /// mirrors a pick where approach and retreat are equally long: the same contact, the same
+    /// lines with the same hand, empty or full.
+    fn canonical(&self, query: &ContactQuery) -> (ContactQuery, bool) {
+        let object = &self.problem.objects[query.object.0];
+        if query.kind == ContactKind::Place && object.approach == object.retreat {
+            return (ContactQuery { kind: ContactKind::Pick, ..*query }, true);
+        }
+        (*query, false)
+    }
+
+    fn key(&self, canonical: &ContactQuery, _is_reversed: bool, hold: &Pose) -> Key {
+        let class = self.problem.objects[canonical.object.0].class;
+        let is_place = canonical.kind == ContactKind::Place;
+        (canonical.arm.0, is_place, class, bits(&canonical.pose), bits(hold))
+    }
+
+    /// At least `wanted` contacts, or all that the first configurations give.
+    fn ground(&mut self, query: &ContactQuery, hold: &Pose, wanted: usize) -> Arc<Vec<Contact>> {
+        let (asked, is_reversed) = self.canonical(query);
+        let key = self.key(&asked, is_reversed, hold);
+        if !self.known.contains_key(&key) {
+            let entry = self.begin(&asked, hold, &key);
+            self.known.insert(key, entry);
+        }
+        let Some(entry) = self.known.get_mut(&key) else { return Arc::default() };
+        if entry.found.len() < wanted && !entry.open.is_empty() {
+            let grounding = Grounding::new(self.problem, self.world, &asked, hold);
+            while entry.found.len() < wanted
+                && let Some(q) = entry.open.pop()
+            {
+                entry.push(grounding.ground(&q));
+            }
+        }
+        if !is_reversed {
+            return entry.found.clone();
+        }
+        let found = &entry.found;
+        entry.reversed.get_or_insert_with(|| Arc::new(found.iter().map(Contact::reversed).collect())).clone()
+    }
+
+    /// What is to be looked at for a query that was never asked.
+    fn begin(&mut self, asked: &ContactQuery, hold: &Pose, key: &Key) -> Entry {
+        let grounding = Grounding::new(self.problem, self.world, asked, hold);
+        if !self.has_room(asked, hold, &grounding) {
+            return Entry::default();
+        }
+        let mut rng = stream(key);
+        let mut open = grounding.configurations(3 * self.most(), &mut rng);
+        open.reverse();
+        Entry { open, ..Entry::default() }
+    }
+
+    fn has_room(&mut self, query: &ContactQuery, hold: &Pose, grounding: &Grounding<'_>) -> bool {
+        let class = self.problem.objects[query.object.0].class;
+        let key = (self.hands.kind(query.arm), class, bits(&query.pose), bits(hold));
+        *self.room.entry(key).or_insert_with(|| grounding.hand_has_room())
+    }
+}
+
+/// A stream that depends on the key alone.
+fn stream(key: &Key) -> Rng {
+    let (arm, is_place, class, pose, hold) = key;
+    let numbers = [*arm as u64, u64::from(*is_place), *class as u64];
+    let mix = |hash: u64, number: &u64| (hash ^ number).wrapping_mul(0x9e37_79b9_7f4a_7c15).rotate_left(29);
+    Seed(numbers.iter().chain(pose).chain(hold).fold(0, mix)).stream("contacts")
+}
+
+/// A pose's numbers to the bit, as a key.
+pub(super) fn bits(pose: &Pose) -> Bits {
+    let (t, r) = (pose.translation.vector, pose.rotation.coords);
+    [t.x, t.y, t.z, r.x, r.y, r.z, r.w].map(f64::to_bits)
+}
+
+/// The arm of a kind stands for all of them.
+pub(super) fn same_hand(problem: &Problem, a: ArmId, b: ArmId) -> bool {
+    let workcell = &problem.workcell;
+    let (first, second) = (&workcell.arms[a.0], &workcell.arms[b.0]);
+    let allowed = |arm: ArmId| {
+        workcell.allowed_arm_obstacle.iter().filter(move |(this, ..)| *this == arm).map(|(_, g, o)| (*g, *o))
+    };
+    Arc::ptr_eq(&first.model, &second.model) && first.tool == second.tool && allowed(a).eq(allowed(b))
+}
