@@ -52,7 +52,10 @@ pub(super) struct Packing {
 /// Shifts at which copies of `footprint` can stand on `bed` all at once, about `wanted` of them if
 /// there is room, spread evenly; fewer, packed as tightly as a lattice and a greedy filling find,
 /// if not. A bed that holds one copy at a node of the fine grid gets at least one.
-pub(super) fn pack(footprint: &Footprint, bed: &Bed<'_>, wanted: usize) -> Packing {
+///
+/// What is free of one lattice, the same for every arrangement of what is taken, is preferred where
+/// that is `enough`: reach there need not be found out anew for each arrangement.
+pub(super) fn pack(footprint: &Footprint, bed: &Bed<'_>, wanted: usize, enough: usize) -> Packing {
     let (Some(x), Some(y)) = (bed.range(footprint, 0), bed.range(footprint, 1)) else {
         return Packing::default();
     };
@@ -61,7 +64,13 @@ pub(super) fn pack(footprint: &Footprint, bed: &Bed<'_>, wanted: usize) -> Packi
     // The tightest lattice has (range / pitch + 1) nodes each way; widen it to what is wanted.
     let nodes = ((x.1 - x.0) / tight[0] + 1.0) * ((y.1 - y.0) / tight[1] + 1.0);
     let widen = (nodes / wanted.max(1) as f64).sqrt().max(1.0);
-    let mut best = lattice(footprint, bed, [x, y], tight.map(|pitch| pitch * widen));
+    let pitch = widen * tight[0].max(tight[1]);
+    let wide = tight.map(|pitch| pitch * widen);
+    let fixed = free_nodes(footprint, bed, [x, y], wide, [0, 0]);
+    if fixed.len() >= enough.min(wanted) && !fixed.is_empty() {
+        return Packing { shifts: fixed, pitch };
+    }
+    let mut best = lattice(footprint, bed, [x, y], wide);
     if best.len() < wanted && widen > 1.0 {
         // Much is taken: the room that is left must be used better.
         let dense = lattice(footprint, bed, [x, y], tight);
@@ -72,28 +81,39 @@ pub(super) fn pack(footprint: &Footprint, bed: &Bed<'_>, wanted: usize) -> Packi
     if best.len() < wanted {
         fill(footprint, bed, [x, y], wanted, &mut best);
     }
-    Packing { shifts: best, pitch: widen * tight[0].max(tight[1]) }
+    Packing { shifts: best, pitch }
 }
 
 /// The largest set of free lattice nodes over a few shifts of the lattice.
 fn lattice(footprint: &Footprint, bed: &Bed<'_>, ranges: [(f64, f64); 2], pitch: [f64; 2]) -> Vec<[f64; 2]> {
     let mut best = Vec::new();
     for shift in 0..SHIFTS * SHIFTS {
-        let [xs, ys] = [(0, shift % SHIFTS), (1, shift / SHIFTS)].map(|(axis, shift)| {
-            let (from, to) = ranges[axis];
-            let count = ((to - from) / pitch[axis] + 1e-9).floor() as usize;
-            // What the lattice leaves at the end is the play of its start; the middle comes first.
-            let play = (to - from - count as f64 * pitch[axis]).max(0.0);
-            let order = [0.5, 0.0, 1.0, 0.25, 0.75][shift];
-            (0..=count).map(|k| from + play * order + k as f64 * pitch[axis]).collect::<Vec<f64>>()
-        });
-        let nodes = ys.iter().flat_map(|y| xs.iter().map(move |x| [*x, *y]));
-        let free: Vec<[f64; 2]> = nodes.filter(|node| bed.admits(&footprint.shifted(*node), &[])).collect();
+        let free = free_nodes(footprint, bed, ranges, pitch, [shift % SHIFTS, shift / SHIFTS]);
         if free.len() > best.len() {
             best = free;
         }
     }
     best
+}
+
+/// The free nodes of the lattice, shifted along each axis in one of [`SHIFTS`] ways.
+fn free_nodes(
+    footprint: &Footprint,
+    bed: &Bed<'_>,
+    ranges: [(f64, f64); 2],
+    pitch: [f64; 2],
+    shift: [usize; 2],
+) -> Vec<[f64; 2]> {
+    let [xs, ys] = [0, 1].map(|axis| {
+        let (from, to) = ranges[axis];
+        let count = ((to - from) / pitch[axis] + 1e-9).floor() as usize;
+        // What the lattice leaves at the end is the play of its start; the middle comes first.
+        let play = (to - from - count as f64 * pitch[axis]).max(0.0);
+        let order = [0.5, 0.0, 1.0, 0.25, 0.75][shift[axis]];
+        (0..=count).map(|k| from + play * order + k as f64 * pitch[axis]).collect::<Vec<f64>>()
+    });
+    let nodes = ys.iter().flat_map(|y| xs.iter().map(move |x| [*x, *y]));
+    nodes.filter(|node| bed.admits(&footprint.shifted(*node), &[])).collect()
 }
 
 /// Adds copies at nodes of a fine grid, row by row, until there are `wanted`.
@@ -150,7 +170,7 @@ mod tests {
             let footprint = cuboid(a, b, at(0.0, 0.0, 0.0));
             let taken: Vec<Footprint> = others.iter().map(|&(x, y, yaw)| cuboid(0.03, 0.03, at(x, y, yaw))).collect();
             let bed = Bed { half_extents: [w, d], taken: &taken, gap };
-            let spots: Vec<Footprint> = pack(&footprint, &bed, wanted).shifts.iter().map(|s| footprint.shifted(*s)).collect();
+            let spots: Vec<Footprint> = pack(&footprint, &bed, wanted, usize::MAX).shifts.iter().map(|s| footprint.shifted(*s)).collect();
             for (index, spot) in spots.iter().enumerate() {
                 let (low, high) = spot.bounds();
                 prop_assert!(low[0] >= -w - 2e-9 && low[1] >= -d - 2e-9 && high[0] <= w + 2e-9 && high[1] <= d + 2e-9);
@@ -166,8 +186,8 @@ mod tests {
             let side = |count: usize| count as f64 * a + 0.5 * (count as f64 - 1.0) * gap;
             let footprint = cuboid(a, a, at(0.0, 0.0, 0.0));
             let bed = Bed { half_extents: [side(columns), side(rows)], taken: &[], gap };
-            prop_assert!(pack(&footprint, &bed, 100).shifts.len() >= columns * rows);
-            let few = pack(&footprint, &bed, 1).shifts.len();
+            prop_assert!(pack(&footprint, &bed, 100, usize::MAX).shifts.len() >= columns * rows);
+            let few = pack(&footprint, &bed, 1, usize::MAX).shifts.len();
             prop_assert!((1..=4).contains(&few));
         }
     }
@@ -177,10 +197,10 @@ mod tests {
         // A row with room for one more, off the lattice.
         let taken = [cuboid(0.03, 0.03, at(-0.12, 0.0, 0.0)), cuboid(0.03, 0.03, at(0.11, 0.0, 0.2))];
         let bed = Bed { half_extents: [0.155, 0.04], taken: &taken, gap: 0.01 };
-        assert_eq!(pack(&cuboid(0.03, 0.03, at(0.0, 0.0, 0.0)), &bed, 8).shifts.len(), 2);
+        assert_eq!(pack(&cuboid(0.03, 0.03, at(0.0, 0.0, 0.0)), &bed, 8, 8).shifts.len(), 2);
         let tight = Bed { half_extents: [0.155, 0.04], taken: &taken, gap: 0.06 };
-        assert_eq!(pack(&cuboid(0.03, 0.03, at(0.0, 0.0, 0.0)), &tight, 8).shifts.len(), 0);
+        assert_eq!(pack(&cuboid(0.03, 0.03, at(0.0, 0.0, 0.0)), &tight, 8, 8).shifts.len(), 0);
         let small = Bed { half_extents: [0.029, 0.1], taken: &[], gap: 0.0 };
-        assert!(pack(&cuboid(0.03, 0.03, at(0.0, 0.0, 0.0)), &small, 8).shifts.is_empty());
+        assert!(pack(&cuboid(0.03, 0.03, at(0.0, 0.0, 0.0)), &small, 8, 8).shifts.is_empty());
     }
 }

@@ -11,6 +11,8 @@ use super::footprint::Footprint;
 
 /// Two stances whose upward axes differ by less than this (rad) are one.
 const SAME_STANCE: f64 = 1e-3;
+/// A direction this close (rad) to a coordinate axis is that axis.
+const SAME_AXIS: f64 = 1e-6;
 
 /// A stable orientation, with the object's frame above the origin of a surface's frame.
 #[derive(Debug, Clone, Copy)]
@@ -52,7 +54,7 @@ pub(super) fn stances(problem: &Problem, class: usize) -> Vec<Stance> {
         quarter(Vec3::y(), 3.0),
     ]);
     for orientation in orientations {
-        let up = orientation.inverse() * Vec3::z();
+        let up = snapped(orientation.inverse() * Vec3::z());
         let known =
             found.iter().any(|stance| (stance.pose.rotation.inverse() * Vec3::z()).angle(&up) < SAME_STANCE);
         if !known && let Some(stance) = stand(shapes, &up) {
@@ -61,6 +63,13 @@ pub(super) fn stances(problem: &Problem, class: usize) -> Vec<Stance> {
     }
     found.truncate(6);
     found
+}
+
+/// The coordinate axis that `direction` is but for rounding, else itself: so that the stance of one
+/// class is the same to the bit wherever its objects stand.
+fn snapped(direction: Vec3) -> Vec3 {
+    let rounded = direction.map(f64::round);
+    if (direction - rounded).norm() < SAME_AXIS { rounded } else { direction }
 }
 
 /// The object with its axis `up` upwards, if that is stable.

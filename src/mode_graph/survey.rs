@@ -191,7 +191,8 @@ impl Surveyor<'_> {
                 .collect();
             let gap = finger_clearance(self.problem, class);
             let bed = Bed { half_extents: place.half_extents, taken: &taken, gap };
-            let packing = pack(&outline, &bed, wanted);
+            let members = self.problem.objects.iter().filter(|object| object.class == class).count();
+            let packing = pack(&outline, &bed, wanted, members + 1);
             pitch = packing.pitch;
             for at in packing.shifts {
                 let poses: Vec<Pose> =

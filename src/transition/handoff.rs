@@ -78,6 +78,7 @@ pub(super) fn sample_handoffs(
         receiver: &arms[query.receiver.0],
         approach: problem.objects[query.object.0].approach,
         retreat: problem.objects[query.object.0].retreat,
+        meeting_place: meeting_place(&arms[query.giver.0], &arms[query.receiver.0]),
     };
     let mut found: Vec<HandoffContact> = Vec::new();
     let mut left = tries;
@@ -127,6 +128,8 @@ struct Sampler<'a> {
     receiver: &'a Arm,
     approach: f64,
     retreat: f64,
+    /// Centre and half extents (m) of the box from which handover positions are drawn.
+    meeting_place: (Vec3, Vec3),
 }
 
 impl Sampler<'_> {
@@ -148,7 +151,7 @@ impl Sampler<'_> {
 
     fn draw(&self, hands: &mut Hands<'_>, rng: &mut Rng) -> Draw {
         let Some((giver_hold, receiver_hold)) = self.draw_holds(hands, rng) else { return Draw::NoHolds };
-        let (centre, spread) = self.meeting_place();
+        let (centre, spread) = self.meeting_place;
         let place = Vec3::from_fn(|i, _| centre[i] + spread[i] * rng.random_range(-1.0..1.0));
         let pose = Pose::from_parts(place.into(), random_rotation(rng));
         let mut solve = |arm: &Arm, hold: &Pose| {
@@ -239,21 +242,20 @@ impl Sampler<'_> {
             cost: *cost,
         })
     }
+}
 
-    /// Centre and half extents (m) of the box from which handover positions are drawn: what both
-    /// arms may reach.
-    fn meeting_place(&self) -> (Vec3, Vec3) {
-        let ball = |arm: &Arm| {
-            let (centre, radius) = arm.model.greatest_reach();
-            let tool = arm.tool.tcp.translation.vector.norm();
-            (arm.base.rotation * centre + arm.base.translation.vector, radius + tool)
-        };
-        let ((a, ra), (b, rb)) = (ball(self.giver), ball(self.receiver));
-        let low = (a - Vec3::repeat(ra)).sup(&(b - Vec3::repeat(rb)));
-        let high = (a + Vec3::repeat(ra)).inf(&(b + Vec3::repeat(rb)));
-        // The outer parts of the box are at full stretch or out of reach.
-        ((low + high) / 2.0, ((high - low) * 0.4).map(|x| x.max(0.0)))
-    }
+/// Centre and half extents (m) of the box that holds what both arms may reach, less its outer
+/// parts, where they would be at full stretch.
+fn meeting_place(giver: &Arm, receiver: &Arm) -> (Vec3, Vec3) {
+    let ball = |arm: &Arm| {
+        let (centre, radius) = arm.model.greatest_reach();
+        let tool = arm.tool.tcp.translation.vector.norm();
+        (arm.base.rotation * centre + arm.base.translation.vector, radius + tool)
+    };
+    let ((a, ra), (b, rb)) = (ball(giver), ball(receiver));
+    let low = (a - Vec3::repeat(ra)).sup(&(b - Vec3::repeat(rb)));
+    let high = (a + Vec3::repeat(ra)).inf(&(b + Vec3::repeat(rb)));
+    ((low + high) / 2.0, ((high - low) * 0.4).map(|x| x.max(0.0)))
 }
 
 /// Least time (s) from `from` to `to` at the joints' greatest speeds.
