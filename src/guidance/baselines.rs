@@ -213,7 +213,8 @@ fn walk(
                 0
             } else {
                 let action = Move { object, from: NodeId(at), to: NodeId(next as usize) };
-                cuts.penalty(&[vec![action]])
+                let here: Vec<NodeId> = state.iter().map(|&node| NodeId(usize::from(node))).collect();
+                cuts.penalty(&here, &[vec![action]])
             };
             let new = (cost.0 + 1 + toll, cost.1 + u64::from(weight));
             if new < best[next as usize] {

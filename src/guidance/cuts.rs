@@ -15,6 +15,15 @@ pub enum CutKind {
     Arm(NodeId),
     /// Two actions in the same step.
     Pair(Move, Move),
+    /// An action while another object is in its way: at `at` before the step or after it.
+    Blocked {
+        /// What cannot be done.
+        action: Move,
+        /// The object in the way.
+        by: usize,
+        /// Where that one is.
+        at: NodeId,
+    },
 }
 
 /// A penalty on each occurrence of something in a plan.
@@ -81,21 +90,33 @@ impl Cuts {
         self.cuts.is_empty()
     }
 
-    /// Sum of the penalties that `steps` incur.
-    pub fn penalty(&self, steps: &[Vec<Move>]) -> u64 {
-        let count = |cut: &Cut, moves: &Vec<Move>| -> u64 {
-            match cut.kind {
-                CutKind::Action(action) => u64::from(moves.contains(&action)),
-                CutKind::Arm(arm) => {
-                    moves.iter().filter(|action| action.from == arm || action.to == arm).count() as u64
+    /// Sum of the penalties that `steps` incur, taken from the state `start`.
+    pub fn penalty(&self, start: &[NodeId], steps: &[Vec<Move>]) -> u64 {
+        let mut state = start.to_vec();
+        let mut sum = 0;
+        for moves in steps {
+            let before = state.clone();
+            for action in moves {
+                if let Some(place) = state.get_mut(action.object) {
+                    *place = action.to;
                 }
-                CutKind::Pair(a, b) => u64::from(moves.contains(&a) && moves.contains(&b)),
             }
-        };
-        steps
-            .iter()
-            .flat_map(|moves| self.cuts.iter().map(move |cut| count(cut, moves) * u64::from(cut.penalty)))
-            .sum()
+            let is_at = |object: usize, node| [&before, &state].iter().any(|s| s.get(object) == Some(&node));
+            for cut in &self.cuts {
+                let times = match cut.kind {
+                    CutKind::Action(action) => usize::from(moves.contains(&action)),
+                    CutKind::Arm(arm) => {
+                        moves.iter().filter(|action| action.from == arm || action.to == arm).count()
+                    }
+                    CutKind::Pair(a, b) => usize::from(moves.contains(&a) && moves.contains(&b)),
+                    CutKind::Blocked { action, by, at } => {
+                        usize::from(moves.contains(&action) && is_at(by, at))
+                    }
+                };
+                sum += times as u64 * u64::from(cut.penalty);
+            }
+        }
+        sum
     }
 }
 
@@ -109,7 +130,22 @@ pub(super) struct Tolls {
     actions: Vec<(Move, u32)>,
     arms: Vec<u32>,
     pairs: Vec<Pair>,
+    blocks: Vec<Block>,
     empty: bool,
+}
+
+/// An action that another object blocks, and when the routes entered have the one do it and the
+/// other be there.
+#[derive(Debug, Clone)]
+struct Block {
+    action: Move,
+    by: usize,
+    at: NodeId,
+    penalty: u32,
+    /// How often the action happens in each step of the routes entered.
+    happens: Vec<u16>,
+    /// Whether the other is there before each step or after it.
+    is_there: Vec<u16>,
 }
 
 #[derive(Debug, Clone)]
@@ -141,6 +177,14 @@ impl Tolls {
                     penalty: cut.penalty,
                     happens: [vec![0; horizon], vec![0; horizon]],
                 }),
+                CutKind::Blocked { action, by, at } => tolls.blocks.push(Block {
+                    action,
+                    by,
+                    at,
+                    penalty: cut.penalty,
+                    happens: vec![0; horizon],
+                    is_there: vec![0; horizon],
+                }),
             }
         }
         tolls
@@ -165,6 +209,32 @@ impl Tolls {
                 }
             }
         }
+        for block in &mut self.blocks {
+            let (from, to, at) = (block.action.from.0, block.action.to.0, block.at.0);
+            for (step, ends) in route.windows(2).enumerate() {
+                let (before, after) = (usize::from(ends[0]), usize::from(ends[1]));
+                if block.action.object == object && before == from && after == to {
+                    block.happens[step] = block.happens[step].wrapping_add(sign);
+                }
+                if block.by == object && (before == at || after == at) {
+                    block.is_there[step] = block.is_there[step].wrapping_add(sign);
+                }
+            }
+        }
+    }
+
+    /// What it costs `object` to be at `node` before `step`, given the routes entered.
+    pub(super) fn of_presence(&self, object: usize, node: usize, step: usize) -> u64 {
+        let paid = self.blocks.iter().filter(|block| {
+            block.by == object && block.at.0 == node && block.happens.get(step).is_some_and(|&n| n > 0)
+        });
+        paid.map(|block| u64::from(block.penalty)).sum()
+    }
+
+    /// The pairs of objects of which one blocks the other in the routes entered.
+    pub(super) fn blocked(&self) -> impl Iterator<Item = (usize, usize)> + '_ {
+        let both = |block: &&Block| block.happens.iter().zip(&block.is_there).any(|(a, b)| *a > 0 && *b > 0);
+        self.blocks.iter().filter(both).map(|block| (block.action.object, block.by))
     }
 
     /// What a move costs in `step`, given the routes entered.
@@ -174,6 +244,13 @@ impl Tolls {
         for (action, penalty) in &self.actions {
             if same(action) {
                 sum += u64::from(*penalty);
+            }
+        }
+        for block in &self.blocks {
+            // Where it is there already, presence is paid for.
+            let enters = block.by == object && block.at.0 == to && block.at.0 != from;
+            if (same(&block.action) && block.is_there[step] > 0) || (enters && block.happens[step] > 0) {
+                sum += u64::from(block.penalty);
             }
         }
         for pair in &self.pairs {

@@ -186,7 +186,31 @@ fn cuts_are_avoided_where_that_is_cheaper_and_expire() {
     let apart = solve(&network, &both.start(), &cuts, &effort, Seed(0), &Control::unbounded()).unwrap();
     let apart = apart.solution().unwrap();
     check(&both, apart).unwrap();
-    assert_eq!(cuts.penalty(&apart.steps), 0);
+    assert_eq!(cuts.penalty(&apart.start, &apart.steps), 0);
+}
+
+#[test]
+fn a_blocked_action_is_done_before_the_blocker_comes_or_after_it_has_gone() {
+    let switch = grid(2, 1).switch(2);
+    let network = Network::new(switch.clone()).unwrap();
+    let plan = |cuts: &Cuts| {
+        let effort = Effort::quick();
+        let answer = solve(&network, &switch.start(), cuts, &effort, Seed(0), &Control::unbounded());
+        let solution = answer.unwrap().solution().unwrap().clone();
+        check(&switch, &solution).unwrap();
+        solution
+    };
+    let free = plan(&Cuts::none());
+    // Whoever is put down first then stands in the way of the other's pick.
+    let place = free.steps.iter().flatten().find(|action| !switch.is_arm(action.to)).copied().unwrap();
+    let other = 1 - place.object;
+    let pick = free.steps.iter().flatten().find(|action| action.object == other).copied().unwrap();
+    let mut cuts = Cuts::none();
+    cuts.add(CutKind::Blocked { action: pick, by: place.object, at: place.to }, 8, 10);
+    assert!(cuts.penalty(&free.start, &free.steps) > 0);
+    let changed = plan(&cuts);
+    assert_eq!(cuts.penalty(&changed.start, &changed.steps), 0);
+    assert_eq!(changed.steps.len(), free.steps.len());
 }
 
 /// One arm (0), slots 1 and 2 that overlap, a region 3 for one object; object 0 in the region goes to

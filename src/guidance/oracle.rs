@@ -377,7 +377,7 @@ fn under_cuts_plans_are_legal_and_nothing_is_claimed() {
                 check(&instance, &plan).unwrap();
                 assert_eq!((certificate.lower_bound, certificate.optimum), (0, None));
                 assert_eq!(certificate.proof, Proof::None);
-                let dear = |plan: &Solution| plan.steps.len() as u64 + cuts.penalty(&plan.steps);
+                let dear = |plan: &Solution| plan.steps.len() as u64 + cuts.penalty(&plan.start, &plan.steps);
                 cut += 1;
                 avoided += usize::from(dear(&plan) < dear(&free));
             }

@@ -14,7 +14,7 @@ use super::solution::{Move, Solution};
 use super::timetable::{Route, Timetable};
 use crate::run::{Control, Rng};
 use rand::Rng as _;
-use rand::seq::SliceRandom as _;
+use rand::seq::{IndexedRandom as _, SliceRandom as _};
 
 /// Largest neighbourhood.
 const LARGEST: usize = 9;
@@ -104,7 +104,7 @@ impl<'a> Repair<'a> {
         false
     }
 
-    /// Lowers the weight of a plan without conflicts, `rounds` neighbourhoods long.
+    /// Lowers the tolls and the weight of a plan without conflicts, `rounds` neighbourhoods long.
     pub(super) fn polish(&mut self, rounds: usize, control: &Control) {
         let count = self.network.object_count();
         for round in 0..rounds {
@@ -112,7 +112,16 @@ impl<'a> Repair<'a> {
                 return;
             }
             self.chosen.clear();
-            if round < count {
+            let blocked: Vec<(usize, usize)> = self.tolls.blocked().collect();
+            if round % 2 == 0
+                && let Some(&(object, by)) = blocked.choose(&mut self.rng)
+            {
+                self.chosen.extend([object, by]);
+                let third = self.rng.random_range(0..count);
+                if self.rng.random() && !self.chosen.contains(&third) {
+                    self.chosen.push(third);
+                }
+            } else if round < count {
                 self.chosen.push(round);
             } else {
                 let size = self.rng.random_range(2..=4.min(count).max(2));
@@ -183,12 +192,15 @@ impl<'a> Repair<'a> {
         (self.timetable.priced_conflicts(self.network), tolls, weight)
     }
 
-    /// Sum of the tolls of all routes; a pair counts at both its sides.
+    /// Sum of the tolls of all routes; a pair, and a block, counts at both its sides.
     fn toll(&self) -> u64 {
         let mut sum = 0;
         for (object, route) in self.routes.iter().enumerate() {
-            for (step, ends) in route.windows(2).enumerate().filter(|(_, ends)| ends[0] != ends[1]) {
-                sum += self.tolls.of_move(object, ends[0] as usize, ends[1] as usize, step);
+            for (step, ends) in route.windows(2).enumerate() {
+                sum += self.tolls.of_presence(object, ends[0] as usize, step);
+                if ends[0] != ends[1] {
+                    sum += self.tolls.of_move(object, ends[0] as usize, ends[1] as usize, step);
+                }
             }
         }
         sum

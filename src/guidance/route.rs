@@ -67,9 +67,12 @@ impl RouteSearch {
                 let node = node as usize;
                 let so_far = self.cost[now][node];
                 self.cost[now][node] = u64::MAX;
-                let base = so_far
+                let mut base = so_far
                     + CONFLICT * timetable.presence(network, node, step)
                     + if kind.is_goal[node] { 0 } else { LATE };
+                if tolled {
+                    base += TOLL * tolls.of_presence(object, node, step);
+                }
                 if kind.to_goal[node] <= remaining {
                     let cost = base + jitter(noise, node, node, step);
                     let known = &mut self.cost[then][node];

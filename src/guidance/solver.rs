@@ -377,7 +377,7 @@ impl Run<'_> {
                 {
                     self.repair.polish(self.effort.polish_rounds, self.control);
                     let found = self.repair.solution();
-                    let cost = found.steps.len() as u64 + self.cuts.penalty(&found.steps);
+                    let cost = found.steps.len() as u64 + self.cuts.penalty(&found.start, &found.steps);
                     if cost < least {
                         least = cost;
                         self.best = Some(found);
