@@ -152,7 +152,7 @@ fn blockers(network: &Network, state: &[u16], object: usize) -> Vec<usize> {
 }
 
 /// The next node of the lightest of the shortest paths to the goal.
-fn next_on_shortest(network: &Network, object: usize, at: usize) -> Option<usize> {
+pub(super) fn next_on_shortest(network: &Network, object: usize, at: usize) -> Option<usize> {
     let left = network.to_goal(object, at);
     if left == 0 || left == FAR {
         return None;

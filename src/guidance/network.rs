@@ -145,6 +145,12 @@ impl Network {
         &self.instance
     }
 
+    /// The next node on the lightest of the shortest ways of `object` from `at` to its goal, whatever
+    /// the others do; `None` at the goal, or where there is no way.
+    pub fn next_on_shortest_way(&self, object: usize, at: NodeId) -> Option<NodeId> {
+        super::baselines::next_on_shortest(self, object, at.0).map(NodeId)
+    }
+
     /// Number of nodes.
     pub(super) fn node_count(&self) -> usize {
         self.is_arm.len()

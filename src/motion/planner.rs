@@ -22,7 +22,8 @@ const FIRST_VERTICES: usize = 300;
 /// Vertices that a roadmap gains when it holds no path.
 const GROWTH: usize = 150;
 
-/// Rounds of repair before the composite search.
+/// Rounds of repair in a first attempt, and before the composite search.
+const FIRST_ROUNDS: usize = 5;
 const ROUNDS: usize = 10;
 
 /// Plans steps; owns the arms' roadmaps, which grow as it is used.
@@ -43,6 +44,17 @@ enum Idle {
     Stay,
     /// Goes to a place of refuge.
     Refuge(Config),
+}
+
+/// Why a step was not planned.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum StepFailure {
+    /// This arm found no way, all others at rest.
+    Stuck(ArmId),
+    /// These two, in the first place, could not be kept apart.
+    Conflict(ArmId, ArmId),
+    /// There was no leave to go on.
+    Stopped,
 }
 
 /// What one round tries.
@@ -81,27 +93,44 @@ impl<'a> StepPlanner<'a> {
         }
     }
 
-    /// Plans a step, from the cheapest means to the most thorough; `None` when none succeeds or
-    /// `control` stops it. With `thorough` the composite search may be used.
-    pub fn plan(&mut self, task: &StepTask, thorough: bool, control: &Control) -> Option<StepMotion> {
+    /// Plans a step, from the cheapest means to the most thorough. With `thorough` there are more
+    /// attempts, and the composite search is used in the end.
+    ///
+    /// # Errors
+    /// What stood in the way, when nothing succeeds or `control` stops it.
+    pub fn plan(
+        &mut self,
+        task: &StepTask,
+        thorough: bool,
+        control: &Control,
+    ) -> Result<StepMotion, StepFailure> {
         let count = task.arms.len();
-        if !self.ends_apart(task) {
-            return None;
+        if let Some((a, b)) = self.ends_that_meet(task) {
+            return Err(StepFailure::Conflict(ArmId(a), ArmId(b)));
         }
         let mut round = Round { idle: vec![Idle::Ahead; count], avoid: vec![Vec::new(); count] };
         let mut disputes = std::collections::BTreeMap::<(usize, usize), usize>::new();
-        for _ in 0..ROUNDS {
+        let mut failure = None;
+        for _ in 0..if thorough { ROUNDS } else { FIRST_ROUNDS } {
             if control.should_stop() {
-                return None;
+                return Err(StepFailure::Stopped);
             }
             let legs = match self.all_legs(task, &mut round, control) {
                 Ok(legs) => legs,
-                Err(_stuck) => break,
+                Err(stuck) => {
+                    failure.get_or_insert(StepFailure::Stuck(ArmId(stuck)));
+                    break;
+                }
             };
             match schedule(self.world, task, &legs, control) {
-                Ok(motion) => return Some(motion),
-                Err(None) => return None,
+                Ok(motion) => return Ok(motion),
+                Err(None) => return Err(failure.unwrap_or(StepFailure::Stopped)),
                 Err(Some(conflict)) => {
+                    let (first, second) = (ArmId(conflict.first), ArmId(conflict.second));
+                    let both_act = task.arms[first.0].acts() && task.arms[second.0].acts();
+                    if both_act || failure.is_none() {
+                        failure = Some(StepFailure::Conflict(first, second));
+                    }
                     let dispute = disputes.entry((conflict.first, conflict.second)).or_default();
                     *dispute += 1;
                     let dispute = *dispute;
@@ -109,15 +138,16 @@ impl<'a> StepPlanner<'a> {
                 }
             }
         }
-        if thorough {
-            composite::plan(self.problem, self.world, &mut self.roadmaps, task, control, &mut self.rng)
-        } else {
-            None
-        }
+        let composite = thorough
+            .then(|| {
+                composite::plan(self.problem, self.world, &mut self.roadmaps, task, control, &mut self.rng)
+            })
+            .flatten();
+        composite.ok_or(failure.unwrap_or(StepFailure::Stopped))
     }
 
-    /// Whether the arms that act are apart from each other at the end of the step.
-    fn ends_apart(&self, task: &StepTask) -> bool {
+    /// Two arms that act and would touch each other at the end of the step.
+    fn ends_that_meet(&self, task: &StepTask) -> Option<(usize, usize)> {
         let ends: Vec<(usize, &Config, Exemption)> = task
             .arms
             .iter()
@@ -127,14 +157,15 @@ impl<'a> StepPlanner<'a> {
                 _ => None,
             })
             .collect();
-        ends.iter().enumerate().all(|(n, (i, q, exempt))| {
-            ends[n + 1..].iter().all(|(j, p, other)| {
+        ends.iter().enumerate().find_map(|(n, (i, q, exempt))| {
+            let meets = |(j, p, other): &&(usize, &Config, Exemption)| {
                 let (a, b) = (&task.arms[*i], &task.arms[*j]);
-                self.world.arms_apart(
+                !self.world.arms_apart(
                     (ArmId(*i), q, a.held.as_ref(), *exempt),
                     (ArmId(*j), p, b.held.as_ref(), *other),
                 )
-            })
+            };
+            ends[n + 1..].iter().find(meets).map(|(j, _, _)| (*i, *j))
         })
     }
 

@@ -1,7 +1,8 @@
 //! When each arm starts, along fixed paths: best-first search over start delays.
 //!
 //! Like conflict-based search (Sharon et al. 2015), but the only thing that a constraint can do is
-//! to make an arm wait before it starts.
+//! to make an arm wait before it starts: of two arms that meet, one or the other is delayed until
+//! the two pass each other.
 
 use std::collections::BTreeMap;
 
@@ -14,8 +15,11 @@ use super::legs::Legs;
 use super::task::{ArmGoal, StepTask};
 use super::timed::{ArmMotion, CurveMotion, StepMotion, Window};
 
-/// Delays (s) that an arm may be given, in order.
-const DELAYS: [f64; 12] = [0.0, 0.15, 0.3, 0.5, 0.75, 1.05, 1.4, 1.8, 2.4, 3.2, 4.4, 6.0];
+/// Delays are multiples of this (s).
+const TICK: f64 = 0.15;
+
+/// By how many ticks more an arm may wait for another at once, in the order in which it is tried.
+const WAITS: [u32; 12] = [1, 2, 3, 4, 6, 8, 11, 15, 20, 27, 36, 48];
 
 /// Nodes that are opened at most.
 const GREATEST_NODES: usize = 48;
@@ -43,31 +47,42 @@ pub(super) fn schedule(
     control: &Control,
 ) -> Result<StepMotion, Option<Conflict>> {
     let mut search = Search { world, task, legs, known: BTreeMap::new() };
-    let root = vec![0_usize; legs.len()];
+    let root = vec![0_u32; legs.len()];
     let mut open = vec![(search.duration(&root), root)];
-    let mut seen: std::collections::BTreeSet<Vec<usize>> = open.iter().map(|(_, d)| d.clone()).collect();
+    let mut seen: std::collections::BTreeSet<Vec<u32>> = open.iter().map(|(_, d)| d.clone()).collect();
     let mut worst = None;
     for _ in 0..GREATEST_NODES {
         if control.should_stop() {
             return Err(None);
         }
         let Some(best) = (0..open.len()).min_by(|&a, &b| {
-            let key = |i: usize| (open[i].0, open[i].1.iter().sum::<usize>());
+            let key = |i: usize| (open[i].0, open[i].1.iter().sum::<u32>());
             let (ka, kb) = (key(a), key(b));
             ka.0.total_cmp(&kb.0).then(ka.1.cmp(&kb.1)).then(a.cmp(&b))
         }) else {
             break;
         };
         let (_, delays) = open.swap_remove(best);
-        let motion = search.compose(&delays);
-        match search.first_conflict(&motion, &delays) {
-            None => return Ok(motion),
+        match search.first_conflict(&delays) {
+            None => {
+                let motion = search.compose(&delays);
+                // Tails of waiting were looked at pair by pair; the whole has the last word.
+                return match find_conflict(world, &motion) {
+                    None => Ok(motion),
+                    conflict => Err(conflict),
+                };
+            }
             Some(conflict) => {
                 worst = worst.or(Some(conflict));
                 for arm in [conflict.first, conflict.second] {
-                    let mut next = delays.clone();
-                    next[arm] += 1;
-                    if next[arm] < DELAYS.len() && seen.insert(next.clone()) {
+                    let passing = WAITS.iter().find_map(|wait| {
+                        let mut next = delays.clone();
+                        next[arm] += wait;
+                        search.is_apart(conflict, &next).then_some(next)
+                    });
+                    if let Some(next) = passing
+                        && seen.insert(next.clone())
+                    {
                         open.push((search.duration(&next), next));
                     }
                 }
@@ -103,14 +118,15 @@ struct Search<'a> {
     world: &'a CollisionWorld,
     task: &'a StepTask,
     legs: &'a [Legs],
-    /// Pairs already looked at, by their timings to the bit.
-    known: BTreeMap<(usize, usize, [u64; 7]), bool>,
+    /// Pairs already looked at, by how their times lie to each other (ns).
+    known: BTreeMap<(usize, usize, [i64; 3]), bool>,
 }
 
 impl Search<'_> {
-    fn timings(&self, delays: &[usize]) -> Vec<Timing> {
+    fn timings(&self, delays: &[u32]) -> Vec<Timing> {
         let arms = &self.task.arms;
-        let mut start: Vec<f64> = delays.iter().zip(arms).map(|(&d, arm)| DELAYS[d].max(arm.dwell)).collect();
+        let mut start: Vec<f64> =
+            delays.iter().zip(arms).map(|(&d, arm)| arm.dwell + f64::from(d) * TICK).collect();
         for (i, arm) in arms.iter().enumerate() {
             if let Some(giver) = arm.wait_for {
                 start[i] = start[i].max(start[giver.0] + self.legs[giver.0].through.departed);
@@ -136,11 +152,11 @@ impl Search<'_> {
             .collect()
     }
 
-    fn duration(&self, delays: &[usize]) -> f64 {
+    fn duration(&self, delays: &[u32]) -> f64 {
         self.timings(delays).iter().map(|timing| timing.end).fold(0.0, f64::max)
     }
 
-    fn compose(&self, delays: &[usize]) -> StepMotion {
+    fn compose(&self, delays: &[u32]) -> StepMotion {
         let timings = self.timings(delays);
         let last = timings.iter().map(|t| t.end).fold(MIN_SPACING_S, f64::max);
         // Nobody may have to wait for less than the least spacing of breakpoints.
@@ -155,20 +171,28 @@ impl Search<'_> {
         StepMotion { arms, duration }
     }
 
-    fn first_conflict(&mut self, motion: &StepMotion, delays: &[usize]) -> Option<Conflict> {
+    fn first_conflict(&mut self, delays: &[u32]) -> Option<Conflict> {
+        let count = self.legs.len();
+        (0..count)
+            .flat_map(|first| (first + 1..count).map(move |second| Conflict { first, second }))
+            .find(|pair| !self.is_apart(*pair, delays))
+    }
+
+    /// Whether a pair of arms is kept apart. This depends on nothing but how their times lie to each
+    /// other: before the one starts and after the other ends both rest.
+    fn is_apart(&mut self, pair: Conflict, delays: &[u32]) -> bool {
         let timings = self.timings(delays);
-        let count = motion.arms.len();
-        let (world, known) = (self.world, &mut self.known);
-        (0..count).flat_map(|first| (first + 1..count).map(move |second| Conflict { first, second })).find(
-            |pair| {
-                let bits = |timing: &Timing| {
-                    [timing.start, timing.resume.unwrap_or(-1.0), timing.end].map(f64::to_bits)
-                };
-                let ([a0, a1, a2], [b0, b1, b2]) = (bits(&timings[pair.first]), bits(&timings[pair.second]));
-                let key = (pair.first, pair.second, [a0, a1, a2, b0, b1, b2, motion.duration.to_bits()]);
-                !*known.entry(key).or_insert_with(|| pair_apart(world, motion, *pair))
-            },
-        )
+        let (a, b) = (timings[pair.first], timings[pair.second]);
+        let nanoseconds = |seconds: f64| (seconds * 1e9).round() as i64;
+        let pause = |timing: &Timing| timing.resume.map_or(-1, |resume| nanoseconds(resume - timing.start));
+        let key = (pair.first, pair.second, [nanoseconds(b.start - a.start), pause(&a), pause(&b)]);
+        if let Some(&known) = self.known.get(&key) {
+            return known;
+        }
+        let motion = self.compose(delays);
+        let apart = pair_apart(self.world, &motion, pair);
+        self.known.insert(key, apart);
+        apart
     }
 }
 

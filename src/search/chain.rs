@@ -4,10 +4,12 @@
 //! A pick's grasp must suit the handoff that follows, and that one's the place at the end; so the
 //! chain is grounded backwards from the place, before the pick is made.
 
+use std::collections::BTreeMap;
+
 use rand::Rng as _;
 use rand::seq::IndexedRandom;
 
-use crate::collision::{CollisionWorld, Scene};
+use crate::collision::CollisionWorld;
 use crate::geometry::Pose;
 use crate::guidance::NodeId;
 use crate::kinematics::Config;
@@ -16,10 +18,15 @@ use crate::run::Rng;
 use crate::transition::{ContactKind, ContactQuery, Contacts, HandoffContact, HandoffQuery, travel_time};
 use crate::workcell::{ArmId, ObjectId, SurfaceId, Symmetry};
 
+use super::forecast::{Neighbour, scene_of};
+use super::handoffs::HandoffPool;
 use super::tree::Whereabouts;
 
 /// A grasp number and the object's frame in the TCP frame.
 type Hold = (usize, Pose);
+
+/// Targets of a region that are tried in full for one request.
+const TARGETS_TRIED: usize = 4;
 
 /// One object's way to its next place of rest.
 #[derive(Debug, Clone)]
@@ -35,6 +42,9 @@ pub(super) struct Chain {
     pub(super) wanted: NodeId,
 }
 
+/// The chains of each object, leg after leg.
+pub(super) type Chains = BTreeMap<usize, Vec<Chain>>;
+
 /// What a chain is asked for.
 pub(super) struct ChainRequest<'a> {
     pub(super) object: ObjectId,
@@ -45,11 +55,28 @@ pub(super) struct ChainRequest<'a> {
     pub(super) targets: &'a [(Pose, SurfaceId)],
     /// Where each arm is now.
     pub(super) arms_at: &'a [Config],
-    /// The other objects at rest when it is put down, as far as known.
-    pub(super) scene: &'a Scene,
+    /// The others at rest when it is picked.
+    pub(super) at_pick: &'a [Neighbour],
+    /// The others at rest when it is put down.
+    pub(super) at_place: &'a [Neighbour],
     /// The node of the targets, and the one that the guide wants.
     pub(super) node: NodeId,
     pub(super) wanted: NodeId,
+    /// Whether handoffs are to be sampled although some are known.
+    pub(super) anew: bool,
+}
+
+/// Why there is no chain.
+#[derive(Debug, Clone)]
+pub(super) enum Misfit {
+    /// No hold in which the first arm can take the object up.
+    Pick,
+    /// No hold in which the last arm can put it down at a target.
+    Place,
+    /// Holds for both, but no way from one to the other was found.
+    Between,
+    /// Others stand in the way of the pick, or of the place.
+    Blocked { pick: Vec<Neighbour>, place: Vec<Neighbour> },
 }
 
 /// Grounds chains.
@@ -57,69 +84,209 @@ pub(super) struct ChainPlanner<'p, 'a> {
     pub(super) problem: &'a Problem,
     pub(super) world: &'a CollisionWorld,
     pub(super) contacts: &'p mut Contacts<'a>,
+    pub(super) handoffs: &'p mut HandoffPool,
     pub(super) rng: &'p mut Rng,
     pub(super) handoff_tries: usize,
 }
 
 impl ChainPlanner<'_, '_> {
-    /// A chain for the request, or `None` when none was found this time.
-    pub(super) fn plan(&mut self, request: &ChainRequest<'_>) -> Option<Chain> {
-        let (&first, &last) = (request.arms.first()?, request.arms.last()?);
-        let target = self.choose_target(request, last)?;
-        let place = |arm| query(ContactKind::Place, arm, request.object, target);
-        let start: Vec<Hold> = match request.from {
+    /// A chain for the request, or why none was found this time.
+    pub(super) fn plan(&mut self, request: &ChainRequest<'_>) -> Result<Chain, Misfit> {
+        let (Some(&first), Some(&last)) = (request.arms.first(), request.arms.last()) else {
+            return Err(Misfit::Between);
+        };
+        let (start, start_clear) = match request.from {
             Whereabouts::Resting { pose, surface } => {
                 let pick = query(ContactKind::Pick, first, request.object, (*pose, *surface));
-                let clear = self.contacts.clear_holds(&pick, request.scene);
-                // What is in the way now may have gone by then.
-                if clear.is_empty() { self.contacts.holds(&pick) } else { clear }
+                (self.contacts.holds(&pick), self.clear_holds(&pick, request.at_pick))
             }
-            Whereabouts::Held { object_in_tcp, .. } => vec![(usize::MAX, *object_in_tcp)],
+            Whereabouts::Held { object_in_tcp, .. } => {
+                let held = vec![(usize::MAX, *object_in_tcp)];
+                (held.clone(), held)
+            }
         };
         if start.is_empty() {
-            return None;
+            return Err(Misfit::Pick);
         }
+        let mut why = Misfit::Place;
+        let mut tried = 0;
+        for (pose, surface) in self.in_order(request) {
+            if tried == TARGETS_TRIED {
+                break;
+            }
+            let place = query(ContactKind::Place, last, request.object, (pose, surface));
+            let mut end = self.contacts.holds(&place);
+            let mut end_clear = self.clear_holds(&place, request.at_place);
+            if let Whereabouts::Held { object_in_tcp, .. } = request.from
+                && request.arms.len() == 1
+                && !end.iter().any(|(_, hold)| hold == object_in_tcp)
+                && self.contacts.has(&place, object_in_tcp)
+            {
+                // Held from the start in a way that no grasp lists.
+                end.push(start[0]);
+                if self.blockers(&place, object_in_tcp, request.at_place).is_empty() {
+                    end_clear.push(start[0]);
+                }
+            }
+            if end.is_empty() {
+                continue;
+            }
+            tried += 1;
+            if let Some(chain) = self.fit(request, &start_clear, &end_clear, (pose, surface)) {
+                return Ok(chain);
+            }
+            why = self.blame(request, &start, &end, (pose, surface));
+        }
+        Err(why)
+    }
+
+    /// Why nothing fits by clear holds: what stands in the way of holds that fit together.
+    fn blame(
+        &mut self,
+        request: &ChainRequest<'_>,
+        start: &[Hold],
+        end: &[Hold],
+        target: (Pose, SurfaceId),
+    ) -> Misfit {
+        if request.at_pick.is_empty() && request.at_place.is_empty() {
+            return Misfit::Between;
+        }
+        let Some(chain) = self.fit(request, start, end, target) else { return Misfit::Between };
+        let (Some(&(first, taken)), Some(&(last, put))) = (chain.carriers.first(), chain.carriers.last())
+        else {
+            return Misfit::Between;
+        };
+        let pick = match request.from {
+            Whereabouts::Resting { pose, surface } => {
+                let pick = query(ContactKind::Pick, first, request.object, (*pose, *surface));
+                self.blockers(&pick, &taken, request.at_pick)
+            }
+            Whereabouts::Held { .. } => Vec::new(),
+        };
+        let place = query(ContactKind::Place, last, request.object, target);
+        let place = self.blockers(&place, &put, request.at_place);
+        if pick.is_empty() && place.is_empty() { Misfit::Between } else { Misfit::Blocked { pick, place } }
+    }
+
+    /// The neighbours that keep all contacts with `hold` from being had; empty when one is clear.
+    pub(super) fn blockers(
+        &mut self,
+        query: &ContactQuery,
+        hold: &Pose,
+        neighbours: &[Neighbour],
+    ) -> Vec<Neighbour> {
+        let known = self.contacts.at(query, hold);
+        let scene = scene_of(neighbours);
+        if known.iter().any(|contact| self.contacts.is_clear(query, contact, &scene)) {
+            return Vec::new();
+        }
+        let alone = |neighbour: &Neighbour, all: bool| {
+            let scene = scene_of(std::slice::from_ref(neighbour));
+            let mut blocked = known.iter().map(|contact| !self.contacts.is_clear(query, contact, &scene));
+            if all { blocked.all(|b| b) } else { blocked.any(|b| b) }
+        };
+        let mut found: Vec<Neighbour> = neighbours.iter().filter(|n| alone(n, true)).copied().collect();
+        if found.is_empty() {
+            found = neighbours.iter().filter(|n| alone(n, false)).copied().collect();
+        }
+        found
+    }
+
+    fn clear_holds(&mut self, query: &ContactQuery, neighbours: &[Neighbour]) -> Vec<Hold> {
+        self.contacts.clear_holds(query, &scene_of(neighbours))
+    }
+
+    /// The targets in the order in which they are tried, without those that are taken.
+    fn in_order(&mut self, request: &ChainRequest<'_>) -> Vec<(Pose, SurfaceId)> {
+        if let [(pose, surface)] = request.targets {
+            let turned = if request.anew { self.turned(request.object, *pose) } else { *pose };
+            return vec![(turned, *surface)];
+        }
+        let mut targets = request.targets.to_vec();
+        if !targets.is_empty() && self.rng.random_bool(0.5) {
+            let turn = self.rng.random_range(0..targets.len());
+            targets.rotate_left(turn);
+        }
+        let scene = scene_of(request.at_place);
+        let surfaces = &self.problem.workcell.surfaces;
+        targets.retain(|(pose, surface)| {
+            let carrier = surfaces.get(surface.0).and_then(|s| s.carrier);
+            self.world.placement_free(request.object, pose, carrier, &scene)
+        });
+        targets
+    }
+
+    /// A chain from one of the holds `start` to one of the holds `end`.
+    fn fit(
+        &mut self,
+        request: &ChainRequest<'_>,
+        start: &[Hold],
+        end: &[Hold],
+        target: (Pose, SurfaceId),
+    ) -> Option<Chain> {
+        let (&first, &last) = (request.arms.first()?, request.arms.last()?);
+        let (node, wanted) = (request.node, request.wanted);
         if request.arms.len() == 1 {
-            let fitting: Vec<Hold> =
-                start.into_iter().filter(|(_, hold)| self.contacts.has(&place(first), hold)).collect();
+            let fitting: Vec<Hold> = start
+                .iter()
+                .filter(|(_, hold)| end.iter().any(|(_, other)| other == hold))
+                .copied()
+                .collect();
             let hold = self.cheapest_hold(request, first, &target, &fitting)?;
-            let (node, wanted) = (request.node, request.wanted);
             return Some(Chain { carriers: vec![(first, hold)], handoffs: Vec::new(), target, node, wanted });
         }
-        let mut receiver_holds = self.contacts.clear_holds(&place(last), request.scene);
-        if receiver_holds.is_empty() {
-            receiver_holds = self.contacts.holds(&place(last));
+        if start.is_empty() || end.is_empty() {
+            return None;
         }
-        let mut carriers = Vec::new();
-        let mut handoffs = Vec::new();
-        for hop in (0..request.arms.len() - 1).rev() {
+        // Backwards: for each meeting those by which the rest of the way can be gone.
+        let hops = request.arms.len() - 1;
+        let mut meetings: Vec<Vec<HandoffContact>> = Vec::with_capacity(hops);
+        let mut receiver_holds: Vec<Hold> = end.to_vec();
+        for hop in (0..hops).rev() {
             let (giver, receiver) = (request.arms[hop], request.arms[hop + 1]);
             let any = if hop == 0 { Vec::new() } else { self.grasps_of(request.object, giver) };
-            let giver_holds = if hop == 0 { &start } else { &any };
             let giver_near = self.near(request, giver, hop == 0, &target, false);
-            let receiver_near = self.near(request, receiver, false, &target, hop + 2 == request.arms.len());
-            let asked = HandoffQuery {
+            let receiver_near = self.near(request, receiver, false, &target, receiver == last);
+            let asked = crate::transition::HandoffQuery {
                 giver,
                 receiver,
                 object: request.object,
-                giver_holds,
+                giver_holds: if hop == 0 { start } else { &any },
                 receiver_holds: &receiver_holds,
                 giver_near: &giver_near,
                 receiver_near: &receiver_near,
             };
-            let found = self.contacts.handoffs(&asked, self.handoff_tries, 4, self.rng);
-            let chosen =
-                if self.rng.random_bool(0.7) { found.first() } else { found.choose(self.rng) }?.clone();
-            receiver_holds = vec![(usize::MAX, chosen.giver_hold)];
-            carriers.push((receiver, chosen.receiver_hold));
-            if hop == 0 {
-                carriers.push((giver, chosen.giver_hold));
+            let found = self.meet(&asked, request.anew);
+            if found.is_empty() {
+                return None;
             }
-            handoffs.push(chosen);
+            receiver_holds.clear();
+            for meeting in &found {
+                if !receiver_holds.iter().any(|(_, hold)| *hold == meeting.giver_hold) {
+                    receiver_holds.push((usize::MAX, meeting.giver_hold));
+                }
+            }
+            meetings.push(found);
         }
-        carriers.reverse();
-        handoffs.reverse();
-        Some(Chain { carriers, handoffs, target, node: request.node, wanted: request.wanted })
+        // Forwards: a meeting at a time, mostly the cheapest that takes over as the last one gave.
+        let mut carriers = Vec::with_capacity(hops + 1);
+        let mut handoffs: Vec<HandoffContact> = Vec::with_capacity(hops);
+        for (hop, found) in meetings.into_iter().rev().enumerate() {
+            let in_hand = handoffs.last().map(|meeting| meeting.receiver_hold);
+            let fitting: Vec<HandoffContact> =
+                found.into_iter().filter(|m| in_hand.is_none_or(|hold| hold == m.giver_hold)).collect();
+            let chosen = if self.rng.random_bool(0.7) { fitting.first() } else { fitting.choose(self.rng) }?;
+            if hop == 0 {
+                carriers.push((request.arms[0], chosen.giver_hold));
+            }
+            carriers.push((request.arms[hop + 1], chosen.receiver_hold));
+            handoffs.push(chosen.clone());
+        }
+        Some(Chain { carriers, handoffs, target, node, wanted })
+    }
+
+    fn meet(&mut self, asked: &HandoffQuery<'_>, anew: bool) -> Vec<HandoffContact> {
+        self.handoffs.find(self.problem, self.contacts, asked, self.handoff_tries, anew, self.rng)
     }
 
     /// Every grasp of `object` that fits the arm's gripper.
@@ -130,29 +297,6 @@ impl ChainPlanner<'_, '_> {
             .filter(|(_, grasp)| grasp.fits(opening))
             .map(|(number, grasp)| (number, grasp.object_in_tcp))
             .collect()
-    }
-
-    /// The first target (up to symmetry) that is free and that the last arm can serve.
-    fn choose_target(&mut self, request: &ChainRequest<'_>, last: ArmId) -> Option<(Pose, SurfaceId)> {
-        let surfaces = &self.problem.workcell.surfaces;
-        let several = request.targets.len() > 1;
-        let mut order: Vec<usize> = (0..request.targets.len()).collect();
-        if several && self.rng.random_bool(0.5) {
-            let turn = self.rng.random_range(0..order.len());
-            order.rotate_left(turn);
-        }
-        for index in order {
-            let (pose, surface) = request.targets[index];
-            let pose = if several { pose } else { self.turned(request.object, pose) };
-            let carrier = surfaces.get(surface.0).and_then(|s| s.carrier);
-            if several && !self.world.placement_free(request.object, &pose, carrier, request.scene) {
-                continue;
-            }
-            if self.contacts.any(&query(ContactKind::Place, last, request.object, (pose, surface))) {
-                return Some((pose, surface));
-            }
-        }
-        None
     }
 
     /// A pose that is the same up to the object's symmetry.

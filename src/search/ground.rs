@@ -8,7 +8,7 @@ use rand::seq::{IndexedRandom, SliceRandom};
 
 use crate::collision::{CollisionWorld, Exemption, Held, Scene};
 use crate::geometry::Pose;
-use crate::guidance::{Guide, Move, NodeId};
+use crate::guidance::{ArmAction, Guide, Move, NodeId};
 use crate::kinematics::Config;
 use crate::motion::{ArmGoal, ArmTask, Departure, StepTask};
 use crate::plan::ActionKind;
@@ -17,24 +17,54 @@ use crate::run::{Rng, Seed};
 use crate::transition::{Contact, ContactKind, ContactQuery, Contacts, HandoffContact, travel_time};
 use crate::workcell::{ArmId, ObjectId, SurfaceId};
 
-use super::chain::{Chain, ChainPlanner, ChainRequest, query};
+use super::chain::{Chain, ChainPlanner, ChainRequest, Chains, Misfit, query};
+use super::forecast::{Neighbour, around, scene_of};
+use super::handoffs::HandoffPool;
+use super::leg::{Leg, legs};
 use super::map::Map;
 use super::settings::Settings;
 use super::tree::{Vertex, Whereabouts};
 
-/// Failures to ground a chain after which detours are tried.
-const DETOUR_AFTER: u32 = 60;
+/// Failures of grasps to fit together after which detours are tried.
+const DETOUR_AFTER: u32 = 2;
+
+/// Places tried for an object that must be able to go on from there.
+const LOOK_AHEAD_TRIES: usize = 6;
 
 /// Buffer poses tried for one detour.
 const DETOUR_TARGETS: usize = 12;
 
 /// Why a step could not be grounded.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone)]
 pub(super) enum GroundingFailure {
     /// No grasps fit together for this move.
     NoChain(Move),
-    /// The next contact cannot be had with the hold that the object is in.
-    NoContact(Move),
+    /// The next contact cannot be had with the hold that the object is in; others may be in its
+    /// way.
+    NoContact(Move, Vec<Neighbour>),
+}
+
+/// A leg that could not be grounded, and why.
+#[derive(Debug, Clone)]
+pub(super) struct Obstruction {
+    pub(super) leg: Leg,
+    pub(super) why: Misfit,
+}
+
+/// The legs of a guide with their chains, as far as they were found.
+#[derive(Debug, Default)]
+pub(super) struct Outline {
+    pub(super) legs: Vec<Leg>,
+    pub(super) chains: Chains,
+    pub(super) obstructions: Vec<Obstruction>,
+}
+
+impl Outline {
+    /// The number among the legs of its object, and the leg, to which `action` belongs.
+    fn leg_of(&self, action: &Move, step: usize) -> Option<(usize, &Leg)> {
+        let of_object = self.legs.iter().filter(|leg| leg.object == action.object);
+        of_object.enumerate().find(|(_, leg)| leg.moves.contains(&(step, *action)))
+    }
 }
 
 /// A grounded step, ready for its motion.
@@ -48,9 +78,18 @@ pub(super) struct Grounding {
     pub(super) waits: BTreeMap<usize, ArmId>,
     /// Where the objects are afterwards.
     pub(super) objects: Vec<Whereabouts>,
-    pub(super) chains: BTreeMap<usize, Chain>,
+    pub(super) chains: Chains,
     /// The nodes at which objects were put down, which may be others than the guide's.
     pub(super) landed: BTreeMap<usize, NodeId>,
+}
+
+/// The contacts that a step ends with as far as they are chosen, and what an arm does whose own is
+/// being chosen.
+struct Ends<'a> {
+    vertex: &'a Vertex,
+    goals: &'a [Option<ArmGoal>],
+    held: Option<Held>,
+    exemption: Exemption,
 }
 
 /// Samples transitions.
@@ -60,10 +99,11 @@ pub(super) struct Grounder<'a> {
     world: &'a CollisionWorld,
     map: &'a Map,
     contacts: Contacts<'a>,
+    handoffs: HandoffPool,
     rng: Rng,
     handoff_tries: usize,
     fresh: f64,
-    /// How often no chain was found for an object along a sequence of arms to a node.
+    /// How often no grasps fitted together for an object along a sequence of arms to a node.
     barren: BTreeMap<(usize, Vec<ArmId>, NodeId), u32>,
 }
 
@@ -81,6 +121,7 @@ impl<'a> Grounder<'a> {
             world,
             map,
             contacts,
+            handoffs: HandoffPool::default(),
             rng: seed.stream("grounding"),
             handoff_tries: settings.handoff_tries,
             fresh: settings.fresh_transitions,
@@ -88,16 +129,206 @@ impl<'a> Grounder<'a> {
         }
     }
 
-    /// Grounds the guide's immediate actions from `vertex`; with `anew` chains that are already
-    /// planned may be planned again.
+    /// Grounds the whole of the guide's plan but for its motions: chains for all legs from `vertex`,
+    /// those of the parent where they still suit.
+    pub(super) fn outline(&mut self, vertex: &Vertex, guide: &Guide) -> Outline {
+        let now: Vec<Config> = vertex.arms.iter().map(|arm| after_departure(arm).clone()).collect();
+        let mut outline = Outline { legs: legs(self.map, vertex, guide), ..Outline::default() };
+        for index in 0..outline.legs.len() {
+            let leg = outline.legs[index].clone();
+            let before = outline.legs[..index].iter().filter(|other| other.object == leg.object).count();
+            if outline.chains.get(&leg.object).map_or(0, Vec::len) != before {
+                // An earlier leg of this object has no chain.
+                continue;
+            }
+            let next = outline.legs[index + 1..].iter().find(|other| other.object == leg.object).cloned();
+            match self.chain(vertex, &outline, &leg, next.as_ref(), &now, false) {
+                Ok(chain) => outline.chains.entry(leg.object).or_default().push(chain),
+                Err(why) => outline.obstructions.push(Obstruction { leg, why }),
+            }
+        }
+        outline
+    }
+
+    /// Plans chains of the immediate actions again, one in two.
+    pub(super) fn renew(&mut self, vertex: &Vertex, guide: &Guide, outline: &mut Outline) {
+        let now: Vec<Config> = vertex.arms.iter().map(|arm| after_departure(arm).clone()).collect();
+        for action in &guide.immediate {
+            if !self.rng.random_bool(0.5) {
+                continue;
+            }
+            let mut of_object = outline.legs.iter().filter(|leg| leg.object == action.object);
+            let (first, next) = (of_object.next().cloned(), of_object.next().cloned());
+            let Some(first) = first else { continue };
+            let old = outline.chains.remove(&action.object);
+            let chains = match self.chain(vertex, outline, &first, next.as_ref(), &now, true) {
+                Ok(chain) => Some(vec![chain]),
+                Err(_) => old,
+            };
+            outline.chains.extend(chains.map(|chains| (action.object, chains)));
+        }
+    }
+
+    /// The chain of `leg`: the one that is known, or a fresh one by which `next` can go on.
+    fn chain(
+        &mut self,
+        vertex: &Vertex,
+        outline: &Outline,
+        leg: &Leg,
+        next: Option<&Leg>,
+        now: &[Config],
+        renew: bool,
+    ) -> Result<Chain, Misfit> {
+        let object = leg.object;
+        let planned = outline.chains.get(&object);
+        let number = planned.map_or(0, Vec::len);
+        let from = match planned.and_then(|chains| chains.last()) {
+            Some(before) => Whereabouts::Resting { pose: before.target.0, surface: before.target.1 },
+            None => vertex.objects[object].clone(),
+        };
+        let at_pick = self.around(vertex, outline, object, leg.begins());
+        let at_place = self.around(vertex, outline, object, leg.ends());
+        if !renew
+            && let Some(known) = vertex.chains.get(&object).and_then(|chains| chains.get(number))
+            && known.carriers.iter().map(|(arm, _)| *arm).eq(leg.arms.iter().copied())
+            && (known.node == leg.end || known.wanted == leg.end)
+            && self.suits(known, object, &from, &at_pick, &at_place)
+        {
+            return Ok(known.clone());
+        }
+        let last = *leg.arms.last().ok_or(Misfit::Between)?;
+        let key = (object, leg.arms.clone(), leg.end);
+        let failures = self.barren.get(&key).copied().unwrap_or(0);
+        let targets = self.map.placements(object, leg.end);
+        let request = ChainRequest {
+            object: ObjectId(object),
+            from: &from,
+            arms: &leg.arms,
+            targets: &targets,
+            arms_at: now,
+            at_pick: &at_pick,
+            at_place: &at_place,
+            node: leg.end,
+            wanted: leg.end,
+            anew: renew,
+        };
+        let tries = if next.is_some() && targets.len() > 1 { LOOK_AHEAD_TRIES } else { 1 };
+        let mut why = Misfit::Between;
+        for _ in 0..tries {
+            match self.planner().plan(&request) {
+                Ok(chain) if tries == 1 || self.leads_to(vertex, outline, &chain, next, now) => {
+                    return Ok(chain);
+                }
+                Ok(_) => why = Misfit::Between,
+                Err(misfit) => {
+                    why = misfit;
+                    break;
+                }
+            }
+        }
+        if !matches!(why, Misfit::Blocked { .. }) {
+            *self.barren.entry(key).or_default() += 1;
+            // Where grasps do not fit together all the way, the object is put down on a buffer once,
+            // to be taken up in another way.
+            if number == 0 && failures >= DETOUR_AFTER {
+                let mut detours = self.map.regions_of(object, last);
+                detours.retain(|&node| node != leg.end);
+                detours.shuffle(&mut self.rng);
+                for node in detours {
+                    let mut targets = self.map.placements(object, node);
+                    targets.shuffle(&mut self.rng);
+                    targets.truncate(DETOUR_TARGETS);
+                    let goals = self.map.placements(object, leg.end);
+                    targets.retain(|&target| self.leads_on(last, ObjectId(object), target, &goals));
+                    let detour = ChainRequest { targets: &targets, node, ..request };
+                    if let Ok(chain) = self.planner().plan(&detour) {
+                        return Ok(chain);
+                    }
+                }
+            }
+        }
+        Err(why)
+    }
+
+    fn planner(&mut self) -> ChainPlanner<'_, 'a> {
+        ChainPlanner {
+            problem: self.problem,
+            world: self.world,
+            contacts: &mut self.contacts,
+            handoffs: &mut self.handoffs,
+            rng: &mut self.rng,
+            handoff_tries: self.handoff_tries,
+        }
+    }
+
+    fn around(&self, vertex: &Vertex, outline: &Outline, object: usize, step: usize) -> Vec<Neighbour> {
+        around(self.map, vertex, &outline.legs, &outline.chains, object, step)
+    }
+
+    /// Whether the contacts at both ends of a known chain can still be had.
+    fn suits(
+        &mut self,
+        chain: &Chain,
+        object: usize,
+        from: &Whereabouts,
+        at_pick: &[Neighbour],
+        at_place: &[Neighbour],
+    ) -> bool {
+        let (Some(&(first, taken)), Some(&(last, put))) = (chain.carriers.first(), chain.carriers.last())
+        else {
+            return false;
+        };
+        let mut planner = self.planner();
+        let mut can = |asked: &ContactQuery, hold: &Pose, neighbours: &[Neighbour]| {
+            planner.contacts.has(asked, hold)
+                && planner.blockers(asked, hold, neighbours).is_empty()
+        };
+        let picks = match from {
+            Whereabouts::Resting { pose, surface } => {
+                let pick = query(ContactKind::Pick, first, ObjectId(object), (*pose, *surface));
+                can(&pick, &taken, at_pick)
+            }
+            Whereabouts::Held { .. } => true,
+        };
+        picks && can(&query(ContactKind::Place, last, ObjectId(object), chain.target), &put, at_place)
+    }
+
+    /// Whether the object can go on along `next` from where `chain` puts it down.
+    fn leads_to(
+        &mut self,
+        vertex: &Vertex,
+        outline: &Outline,
+        chain: &Chain,
+        next: Option<&Leg>,
+        now: &[Config],
+    ) -> bool {
+        let Some(next) = next else { return true };
+        let at_pick = self.around(vertex, outline, next.object, next.begins());
+        let at_place = self.around(vertex, outline, next.object, next.ends());
+        let targets = self.map.placements(next.object, next.end);
+        let request = ChainRequest {
+            object: ObjectId(next.object),
+            from: &Whereabouts::Resting { pose: chain.target.0, surface: chain.target.1 },
+            arms: &next.arms,
+            targets: &targets,
+            arms_at: now,
+            at_pick: &at_pick,
+            at_place: &at_place,
+            node: next.end,
+            wanted: next.end,
+            anew: false,
+        };
+        self.planner().plan(&request).is_ok()
+    }
+
+    /// Grounds the guide's immediate actions from `vertex` by the chains of `outline`.
     pub(super) fn ground(
         &mut self,
         vertex: &Vertex,
         guide: &Guide,
-        anew: bool,
+        outline: &Outline,
     ) -> Result<Grounding, GroundingFailure> {
         let now: Vec<Config> = vertex.arms.iter().map(|arm| after_departure(arm).clone()).collect();
-        let mut chains = vertex.chains.clone();
         let mut goals: Vec<Option<ArmGoal>> = vec![None; vertex.arms.len()];
         let mut grounding = Grounding {
             task: StepTask { arms: Vec::new(), scene: scene(vertex) },
@@ -105,21 +336,25 @@ impl<'a> Grounder<'a> {
             departures: BTreeMap::new(),
             waits: BTreeMap::new(),
             objects: vertex.objects.clone(),
-            chains: BTreeMap::new(),
+            chains: outline.chains.clone(),
             landed: BTreeMap::new(),
         };
-        for action in &guide.immediate {
-            let chain = self
-                .chain(vertex, guide, action.object, &now, anew, &mut chains)
-                .ok_or(GroundingFailure::NoChain(*action))?;
-            self.ground_action(vertex, action, &chain, &now, &mut goals, &mut grounding)
-                .ok_or(GroundingFailure::NoContact(*action))?;
+        // Handoffs have no choice of contacts, so that the others choose theirs apart from them.
+        let is_handoff =
+            |action: &&Move| self.map.arm(action.from).is_some() && self.map.arm(action.to).is_some();
+        let (handoffs, others): (Vec<Move>, Vec<Move>) = guide.immediate.iter().partition(is_handoff);
+        for action in handoffs.iter().chain(&others) {
+            let chain = outline.chains.get(&action.object).and_then(|chains| chains.first());
+            let chain = chain.ok_or(GroundingFailure::NoChain(*action))?;
+            let near = self.around(vertex, outline, action.object, 1);
+            self.ground_action((vertex, &now), action, chain, &near, &mut goals, &mut grounding)
+                .map_err(|by| GroundingFailure::NoContact(*action, by))?;
         }
         for action in &guide.heuristic {
             let Some(arm) = self.map.arm(action.arm) else { continue };
             if goals[arm.0].is_none() && action.step > 1 {
-                goals[arm.0] =
-                    self.ahead(vertex, guide, arm, &action.action, &now, &mut chains).map(ArmGoal::Toward);
+                let ahead = self.ahead(vertex, outline, arm, action, &now);
+                goals[arm.0] = ahead.map(ArmGoal::Toward);
             }
         }
         let arms = vertex.arms.iter().enumerate().map(|(index, arm)| ArmTask {
@@ -132,20 +367,23 @@ impl<'a> Grounder<'a> {
         });
         grounding.task.arms = arms.collect();
         for (object, kind) in &grounding.actions {
+            let Some(chains) = grounding.chains.get_mut(&object.0) else { continue };
+            let Some(chain) = chains.first_mut() else { continue };
             match kind {
                 ActionKind::Place { .. } => {
-                    chains.remove(&object.0);
+                    let astray = chain.node != chain.wanted;
+                    chains.remove(0);
+                    if astray || chains.is_empty() {
+                        grounding.chains.remove(&object.0);
+                    }
                 }
                 ActionKind::Handoff { .. } => {
-                    if let Some(chain) = chains.get_mut(&object.0) {
-                        chain.carriers.remove(0);
-                        chain.handoffs.remove(0);
-                    }
+                    chain.carriers.remove(0);
+                    chain.handoffs.remove(0);
                 }
                 ActionKind::Pick { .. } => {}
             }
         }
-        grounding.chains = chains;
         Ok(grounding)
     }
 
@@ -155,97 +393,6 @@ impl<'a> Grounder<'a> {
             crate::problem::Objective::ArcLength => ArmGoal::Anywhere,
             _ => ArmGoal::Toward(self.problem.workcell.arms[arm].home.clone()),
         }
-    }
-
-    /// The chain of `object` along the guide's solution: the one that is known, or a fresh one.
-    fn chain(
-        &mut self,
-        vertex: &Vertex,
-        guide: &Guide,
-        object: usize,
-        now: &[Config],
-        anew: bool,
-        chains: &mut BTreeMap<usize, Chain>,
-    ) -> Option<Chain> {
-        let route: Vec<NodeId> = route(guide, object);
-        let mut arms: Vec<ArmId> = Vec::new();
-        if let Whereabouts::Held { arm, .. } = vertex.objects[object] {
-            arms.push(arm);
-        }
-        let mut end = None;
-        for node in route {
-            match self.map.arm(node) {
-                Some(arm) => arms.push(arm),
-                None => {
-                    end = Some(node);
-                    break;
-                }
-            }
-        }
-        let end = end?;
-        let renew = anew && self.rng.random_bool(0.5);
-        if let Some(known) = chains.get(&object)
-            && !renew
-            && known.carriers.iter().map(|(arm, _)| *arm).eq(arms.iter().copied())
-            && (known.node == end || known.wanted == end)
-        {
-            return Some(known.clone());
-        }
-        let mut others = scene(vertex);
-        others.resting.retain(|(other, _)| other.0 != object);
-        // Places promised to others on their way are taken, too.
-        for (other, chain) in chains.iter() {
-            if *other != object {
-                others.resting.push((ObjectId(*other), chain.target.0));
-            }
-        }
-        let last = *arms.last()?;
-        let key = (object, arms.clone(), end);
-        let failures = self.barren.get(&key).copied().unwrap_or(0);
-        let mut ends = Vec::new();
-        if failures <= DETOUR_AFTER || self.rng.random_bool(self.fresh) {
-            ends.push(end);
-        }
-        // Where grasps do not fit together all the way, the object is put down on a buffer once,
-        // to be taken up in another way.
-        let mut detours = self.map.regions_of(object, last);
-        detours.retain(|&node| node != end);
-        detours.shuffle(&mut self.rng);
-        if failures >= DETOUR_AFTER {
-            ends.extend(detours);
-        }
-        for node in ends {
-            let mut targets = self.map.placements(object, node);
-            if node != end {
-                targets.shuffle(&mut self.rng);
-                targets.truncate(DETOUR_TARGETS);
-                let goals = self.map.placements(object, end);
-                targets.retain(|&target| self.leads_on(last, ObjectId(object), target, &goals));
-            }
-            let request = ChainRequest {
-                object: ObjectId(object),
-                from: &vertex.objects[object],
-                arms: &arms,
-                targets: &targets,
-                arms_at: now,
-                scene: &others,
-                node,
-                wanted: end,
-            };
-            let mut planner = ChainPlanner {
-                problem: self.problem,
-                world: self.world,
-                contacts: &mut self.contacts,
-                rng: &mut self.rng,
-                handoff_tries: self.handoff_tries,
-            };
-            if let Some(chain) = planner.plan(&request) {
-                chains.insert(object, chain.clone());
-                return Some(chain);
-            }
-        }
-        *self.barren.entry(key).or_default() += 1;
-        None
     }
 
     /// Whether `arm` can take the object up at `from` in a hold in which it can put it down at one
@@ -266,26 +413,25 @@ impl<'a> Grounder<'a> {
 
     fn ground_action(
         &mut self,
-        vertex: &Vertex,
+        (vertex, now): (&Vertex, &[Config]),
         action: &Move,
         chain: &Chain,
-        now: &[Config],
-        goals: &mut [Option<ArmGoal>],
+        near: &[Neighbour],
+        goals: &mut Vec<Option<ArmGoal>>,
         out: &mut Grounding,
-    ) -> Option<()> {
+    ) -> Result<(), Vec<Neighbour>> {
         let object = ObjectId(action.object);
-        let around = scene(vertex);
         let touching = Exemption { hand_with: Some(object), held_with: None };
-        let (arm, hold) = *chain.carriers.first()?;
+        let nobody = Vec::new;
+        let (arm, hold) = *chain.carriers.first().ok_or_else(nobody)?;
         match (self.map.arm(action.from), self.map.arm(action.to)) {
             (None, Some(_)) => {
-                let Whereabouts::Resting { pose, surface } = vertex.objects[object.0] else { return None };
-                let contact = self.contact(
-                    &query(ContactKind::Pick, arm, object, (pose, surface)),
-                    &hold,
-                    &now[arm.0],
-                    &around,
-                )?;
+                let Whereabouts::Resting { pose, surface } = vertex.objects[object.0] else {
+                    return Err(nobody());
+                };
+                let pick = query(ContactKind::Pick, arm, object, (pose, surface));
+                let ends = Ends { vertex, goals, held: None, exemption: touching };
+                let contact = self.contact(&pick, &hold, &now[arm.0], near, Some(&ends))?;
                 goals[arm.0] = Some(ArmGoal::Contact {
                     q: contact.q.clone(),
                     approach: Some(contact.approach.clone()),
@@ -299,12 +445,11 @@ impl<'a> Grounder<'a> {
             }
             (Some(_), None) => {
                 let (pose, surface) = chain.target;
-                let contact = self.contact(
-                    &query(ContactKind::Place, arm, object, (pose, surface)),
-                    &hold,
-                    &now[arm.0],
-                    &around,
-                )?;
+                let place = query(ContactKind::Place, arm, object, (pose, surface));
+                let exemption = Exemption { hand_with: None, held_with: self.carrier(surface) };
+                let held = Some(Held { object, object_in_tcp: hold });
+                let ends = Ends { vertex, goals, held, exemption };
+                let contact = self.contact(&place, &hold, &now[arm.0], near, Some(&ends))?;
                 goals[arm.0] = Some(ArmGoal::Contact {
                     q: contact.q.clone(),
                     approach: Some(contact.approach.clone()),
@@ -321,8 +466,8 @@ impl<'a> Grounder<'a> {
                 out.landed.insert(object.0, chain.node);
             }
             (Some(_), Some(_)) => {
-                let (to_arm, to_hold) = *chain.carriers.get(1)?;
-                let meeting: &HandoffContact = chain.handoffs.first()?;
+                let (to_arm, to_hold) = *chain.carriers.get(1).ok_or_else(nobody)?;
+                let meeting: &HandoffContact = chain.handoffs.first().ok_or_else(nobody)?;
                 goals[arm.0] = Some(ArmGoal::Contact {
                     q: meeting.giver_q.clone(),
                     approach: None,
@@ -344,65 +489,97 @@ impl<'a> Grounder<'a> {
                 ));
                 out.objects[object.0] = Whereabouts::Held { arm: to_arm, object_in_tcp: to_hold };
             }
-            (None, None) => return None,
+            (None, None) => return Err(nobody()),
         }
-        Some(())
+        Ok(())
     }
 
-    /// A contact: mostly the nearest of those known, sometimes any, sometimes after sampling more.
-    fn contact(&mut self, asked: &ContactQuery, hold: &Pose, now: &Config, scene: &Scene) -> Option<Contact> {
+    /// A contact: mostly the nearest of those known, sometimes any, sometimes after sampling more,
+    /// and where possible apart from the `ends` of the step that are chosen already; or what is in
+    /// the way of all.
+    fn contact(
+        &mut self,
+        asked: &ContactQuery,
+        hold: &Pose,
+        now: &Config,
+        near: &[Neighbour],
+        ends: Option<&Ends<'_>>,
+    ) -> Result<Contact, Vec<Neighbour>> {
         if self.rng.random_bool(self.fresh) {
             self.contacts.more(asked, hold);
         }
-        let known: Vec<Contact> = self
+        let scene = scene_of(near);
+        let mut known: Vec<Contact> = self
             .contacts
             .at(asked, hold)
             .iter()
-            .filter(|contact| self.contacts.is_clear(asked, contact, scene))
+            .filter(|contact| self.contacts.is_clear(asked, contact, &scene))
             .cloned()
             .collect();
-        if self.rng.random_bool(0.3) {
-            return known.choose(&mut self.rng).cloned();
+        if let Some(ends) = ends {
+            let apart = known.iter().filter(|c| self.is_apart(asked.arm, &c.q, ends)).cloned();
+            let apart: Vec<Contact> = apart.collect();
+            if !apart.is_empty() {
+                known = apart;
+            }
         }
         let model = &self.problem.workcell.arms[asked.arm.0];
-        known
+        let nearest = known
             .iter()
-            .min_by(|a, b| travel_time(model, now, &a.q).total_cmp(&travel_time(model, now, &b.q)))
-            .cloned()
+            .min_by(|a, b| travel_time(model, now, &a.q).total_cmp(&travel_time(model, now, &b.q)));
+        let chosen = if self.rng.random_bool(0.3) { known.choose(&mut self.rng) } else { nearest };
+        match chosen {
+            Some(contact) => Ok(contact.clone()),
+            None => Err(self.planner().blockers(asked, hold, near)),
+        }
+    }
+
+    /// Whether `arm` at its contact is apart from the other arms that have one in this step.
+    fn is_apart(&self, arm: ArmId, q: &Config, ends: &Ends<'_>) -> bool {
+        ends.goals.iter().enumerate().all(|(other, goal)| {
+            let Some(ArmGoal::Contact { q: at, exemption, .. }) = goal else { return true };
+            let held = held_by(ends.vertex, ArmId(other));
+            self.world.arms_apart(
+                (arm, q, ends.held.as_ref(), ends.exemption),
+                (ArmId(other), at, held.as_ref(), *exemption),
+            )
+        })
     }
 
     /// Where an arm positions itself for a later action of its own.
     fn ahead(
         &mut self,
         vertex: &Vertex,
-        guide: &Guide,
+        outline: &Outline,
         arm: ArmId,
-        action: &Move,
+        first: &ArmAction,
         now: &[Config],
-        chains: &mut BTreeMap<usize, Chain>,
     ) -> Option<Config> {
+        let action = &first.action;
         let object = ObjectId(action.object);
-        let around = scene(vertex);
-        let chain = self.chain(vertex, guide, action.object, now, false, chains)?;
+        let (number, _) = outline.leg_of(action, first.step)?;
+        let chains = outline.chains.get(&action.object)?;
+        let chain = chains.get(number)?;
         let position = chain.carriers.iter().position(|(carrier, _)| *carrier == arm)?;
         let (_, hold) = chain.carriers[position];
-        let before_contact = |contact: &Contact| contact.approach.waypoints.last().cloned();
+        let near = self.around(vertex, outline, action.object, first.step);
+        let before_contact = |contact: Contact| contact.approach.waypoints.last().cloned();
         match (self.map.arm(action.from), self.map.arm(action.to)) {
             (None, Some(_)) => {
-                let Whereabouts::Resting { pose, surface } = vertex.objects[object.0] else { return None };
-                before_contact(&self.contact(
-                    &query(ContactKind::Pick, arm, object, (pose, surface)),
-                    &hold,
-                    &now[arm.0],
-                    &around,
-                )?)
+                let from = match number.checked_sub(1).and_then(|before| chains.get(before)) {
+                    Some(before) => before.target,
+                    None => match &vertex.objects[object.0] {
+                        Whereabouts::Resting { pose, surface } => (*pose, *surface),
+                        Whereabouts::Held { .. } => return None,
+                    },
+                };
+                let pick = query(ContactKind::Pick, arm, object, from);
+                before_contact(self.contact(&pick, &hold, &now[arm.0], &near, None).ok()?)
             }
-            (Some(_), None) => before_contact(&self.contact(
-                &query(ContactKind::Place, arm, object, chain.target),
-                &hold,
-                &now[arm.0],
-                &around,
-            )?),
+            (Some(_), None) => {
+                let place = query(ContactKind::Place, arm, object, chain.target);
+                before_contact(self.contact(&place, &hold, &now[arm.0], &near, None).ok()?)
+            }
             (Some(_), Some(_)) => {
                 if position > 0 && self.map.arm(action.to) == Some(arm) {
                     chain.handoffs.get(position - 1)?.receiver_approach.waypoints.last().cloned()
@@ -417,18 +594,6 @@ impl<'a> Grounder<'a> {
     fn carrier(&self, surface: SurfaceId) -> Option<crate::workcell::ObstacleId> {
         self.problem.workcell.surfaces.get(surface.0).and_then(|s| s.carrier)
     }
-}
-
-/// The nodes that the guide's solution leads `object` through, after where it is.
-fn route(guide: &Guide, object: usize) -> Vec<NodeId> {
-    guide
-        .solution
-        .steps
-        .iter()
-        .flatten()
-        .filter(|action| action.object == object)
-        .map(|action| action.to)
-        .collect()
 }
 
 /// The objects at rest.

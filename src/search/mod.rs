@@ -13,8 +13,13 @@
 
 mod candidate;
 mod chain;
+mod finish;
+mod forecast;
 mod ground;
+mod handoffs;
+mod leg;
 mod map;
+mod select;
 mod settings;
 mod smart;
 mod tree;

@@ -24,6 +24,9 @@ pub struct Settings {
     pub patience: u32,
     /// Iterations for which such a cut lasts.
     pub cut_lifetime: u64,
+    /// Iterations for which it is remembered that one object stands in the way of an action on
+    /// another.
+    pub block_lifetime: u64,
     /// Failed expansions after which a tau is set aside for good by the biased selection.
     pub surrender: u32,
     /// Vertices of the tree; beyond, those that lie on no way to the incumbent are dropped.
@@ -43,6 +46,7 @@ impl Default for Settings {
             handoff_tries: 250,
             patience: 3,
             cut_lifetime: 60,
+            block_lifetime: 500,
             surrender: 12,
             greatest_tree: 4000,
         }

@@ -3,23 +3,18 @@
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use rand::Rng as _;
-use rand::seq::IndexedRandom;
-
-use crate::collision::{CollisionWorld, Exemption};
-use crate::guidance::{
-    Advice, Certificate, CutKind, Cuts, Effort, Greedy, Guidance, Guide, Memo, Move, Sequential, Smart,
-    Solution, check,
-};
-use crate::motion::{ArmGoal, ArmTask, StepMotion, StepPlanner, StepTask};
+use crate::collision::CollisionWorld;
+use crate::guidance::{Certificate, Cuts, Effort, Greedy, Guidance, Guide, Memo, Sequential, Smart};
+use crate::motion::StepPlanner;
 use crate::problem::{GuidanceKind, InitialPlacement, Objective, Problem};
 use crate::run::{Control, Rng, Seed};
 use crate::transition::Contacts;
 use crate::workcell::ArmId;
 
 use super::candidate::Candidate;
-use super::ground::{Grounder, GroundingFailure, held_by, scene};
+use super::ground::{Grounder, Outline};
 use super::map::Map;
+use super::select::cost_so_far;
 use super::settings::Settings;
 use super::tree::{ArmState, Step, Vertex, Whereabouts};
 
@@ -38,25 +33,27 @@ pub enum Report {
 /// The anytime tree search.
 #[derive(Debug)]
 pub struct Search<'a> {
-    problem: &'a Problem,
-    map: &'a Map,
-    settings: Settings,
-    planner: StepPlanner<'a>,
-    grounder: Grounder<'a>,
-    guidance: Box<dyn Guidance>,
-    memo: Memo,
+    pub(super) problem: &'a Problem,
+    pub(super) map: &'a Map,
+    pub(super) settings: Settings,
+    pub(super) planner: StepPlanner<'a>,
+    pub(super) grounder: Grounder<'a>,
+    pub(super) guidance: Box<dyn Guidance>,
+    pub(super) memo: Memo,
     /// Answers without cuts, for states beside the way.
-    detours: Memo,
-    cuts: Cuts,
-    tree: Vec<Vertex>,
+    pub(super) detours: Memo,
+    pub(super) cuts: Cuts,
+    /// Counts changes of the cuts in force.
+    pub(super) version: u64,
+    pub(super) tree: Vec<Vertex>,
     /// Cost of the best plan that the caller accepted.
-    best: Option<[f64; 2]>,
+    pub(super) best: Option<[f64; 2]>,
     /// Vertices from the root to the goal of the best plan found here.
-    best_way: Vec<usize>,
-    rng: Rng,
-    iterations: u64,
-    certificate: Option<Certificate>,
-    cause: Option<String>,
+    pub(super) best_way: Vec<usize>,
+    pub(super) rng: Rng,
+    pub(super) iterations: u64,
+    pub(super) certificate: Option<Certificate>,
+    pub(super) cause: Option<String>,
 }
 
 impl<'a> Search<'a> {
@@ -87,6 +84,7 @@ impl<'a> Search<'a> {
             memo: Memo::new(),
             detours: Memo::new(),
             cuts: Cuts::none(),
+            version: 0,
             tree: vec![root],
             best: None,
             best_way: Vec::new(),
@@ -125,26 +123,30 @@ impl<'a> Search<'a> {
     /// One loop of Algorithm 1.
     pub fn iterate(&mut self, control: &Control) -> Report {
         self.iterations += 1;
+        let in_force = self.cuts.active().len();
         self.cuts.advance();
+        self.version += u64::from(self.cuts.active().len() != in_force);
         if self.iterations.is_multiple_of(self.settings.growth_period) {
             self.planner.grow(self.settings.growth, control);
         }
         if self.tree.len() > self.settings.greatest_tree {
             self.prune();
         }
-        let Some(tau) = self.select_mode() else {
+        let Some(tau) = self.select_mode(control) else {
             return Report::Nothing;
         };
         if self.tree[tau].is_goal {
             // Only the root can be selected as a goal: nothing has to be done.
             return self.finish(tau, control);
         }
-        let Some(guide) = self.guidance_for(tau, control) else {
-            self.tree[tau].failures += 1;
+        let Some((guide, outline)) = self.advise(tau, control) else {
+            if self.tree[tau].guide.is_none() {
+                self.tree[tau].failures += 1;
+            }
             return Report::Nothing;
         };
         self.tree[tau].expansions += 1;
-        match self.extend(tau, &guide, control) {
+        match self.extend(tau, &guide, outline, control) {
             Some(new) => {
                 if self.tree[new].is_goal {
                     return self.finish(new, control);
@@ -153,179 +155,54 @@ impl<'a> Search<'a> {
             }
             None => {
                 if !control.should_stop() {
-                    self.note_failure(tau, &guide);
+                    self.note_failure(tau);
                 }
                 Report::Nothing
             }
         }
     }
 
-    /// `select_mode`: mostly the tau that has made the most progress, sometimes any.
-    fn select_mode(&mut self) -> Option<usize> {
-        if self.tree[0].is_goal {
-            return Some(0);
-        }
-        let open = |vertex: &Vertex, best: Option<[f64; 2]>, objective: Objective| {
-            !vertex.is_goal && best.is_none_or(|best| cost_so_far(vertex, objective) < best[0])
-        };
-        let (best, objective) = (self.best, self.problem.options.objective);
-        let biased = self.rng.random_bool(self.settings.goal_bias);
-        let candidates: Vec<usize> =
-            (0..self.tree.len()).filter(|&i| open(&self.tree[i], best, objective)).collect();
-        if !biased {
-            return candidates.choose(&mut self.rng).copied().or(Some(0));
-        }
-        // After an incumbent only what is new is driven on; else the way of the incumbent is
-        // branched from.
-        let fresh: Vec<usize> = candidates
-            .iter()
-            .copied()
-            .filter(|&i| {
-                let vertex = &self.tree[i];
-                if self.best.is_some() {
-                    vertex.expansions == 0 || vertex.failures == vertex.expansions && vertex.failures < 3
-                } else {
-                    vertex.failures < self.settings.surrender
-                }
-            })
-            .collect();
-        let progress = |i: usize| {
-            let vertex = &self.tree[i];
-            let remaining = vertex.remaining().map_or(1e6, |r| r as f64);
-            remaining
-                + 0.7 * f64::from(vertex.failures)
-                + 0.2 * f64::from(vertex.expansions)
-                + 1e-3 * vertex.elapsed
-        };
-        let driven = fresh
-            .into_iter()
-            .filter(|&i| i != 0 || self.best.is_none())
-            .min_by(|&a, &b| progress(a).total_cmp(&progress(b)).then(a.cmp(&b)));
-        if driven.is_some() {
-            return driven;
-        }
-        let on_way: Vec<usize> = self.best_way.iter().copied().filter(|&i| candidates.contains(&i)).collect();
-        on_way.choose(&mut self.rng).or_else(|| candidates.choose(&mut self.rng)).copied().or(Some(0))
-    }
-
-    /// The guidance of a tau, asked once.
-    fn guide(&mut self, tau: usize, control: &Control) {
-        let mode = self.tree[tau].mode.clone();
-        let network = self.map.network();
-        match self.guidance.guide(network, &mode, &self.cuts, &mut self.memo, control) {
-            Ok(Advice::Go(guide)) => self.tree[tau].guide = Some(guide),
-            Ok(Advice::Infeasible(reason)) => {
-                self.cause = Some(format!("on the mode graph there is no way to the goals: {reason:?}"));
-            }
-            Ok(Advice::Unknown { lower_bound }) => {
-                self.cause = Some(format!(
-                    "the guidance found no sequence of actions on the mode graph (at least {lower_bound} steps)"
-                ));
-            }
-            Err(error) => self.cause = Some(format!("the mode graph makes no sense: {error}")),
-        }
-    }
-
-    /// The guidance to follow now: that of the tau, or now and then one under a passing cut.
-    fn guidance_for(&mut self, tau: usize, control: &Control) -> Option<Guide> {
-        let stuck = self.tree[tau].failures >= self.settings.patience;
-        if self.tree[tau].guide.is_none() || (stuck && !self.cuts.is_empty()) {
-            self.guide(tau, control);
-        }
-        let guide = self.tree[tau].guide.clone()?;
-        if !matches!(self.problem.options.guidance, GuidanceKind::Smart) {
-            return Some(guide);
-        }
-        let chance = match (self.best.is_some(), self.tree[tau].failures) {
-            (true, _) => self.settings.wander,
-            (false, 0) => 0.0,
-            (false, _) => self.settings.stuck_wander,
-        };
-        if !self.rng.random_bool(chance) {
-            return Some(guide);
-        }
-        let other = if self.rng.random_bool(0.7) {
-            self.another_first_action(tau, &guide, control)
-        } else {
-            self.under_a_cut(tau, &guide, control)
-        };
-        other.or(Some(guide))
-    }
-
-    /// A guide that begins with another action than the tau's own, and is hardly longer.
-    fn another_first_action(&mut self, tau: usize, guide: &Guide, control: &Control) -> Option<Guide> {
-        let network = self.map.network();
-        let instance = network.instance();
-        let mode = self.tree[tau].mode.clone();
-        let mut actions = Vec::new();
-        for (object, &from) in mode.iter().enumerate() {
-            let class = instance.objects.get(object)?.class;
-            let edges = instance.edges.iter().filter(|edge| edge.from == from);
-            let fitting = edges.filter(|edge| edge.class.is_none_or(|only| only == class));
-            actions.extend(fitting.map(|edge| Move { object, from, to: edge.to }));
-        }
-        actions.retain(|action| !guide.immediate.contains(action));
-        let action = *actions.choose(&mut self.rng)?;
-        let mut next = mode.clone();
-        next[action.object] = action.to;
-        let rest = match self.guidance.guide(network, &next, &Cuts::none(), &mut self.detours, control) {
-            Ok(Advice::Go(rest)) => rest.solution,
-            _ => return None,
-        };
-        let excess = (rest.steps.len() + 1).saturating_sub(guide.remaining_steps?);
-        if excess > 2 || (excess > 0 && self.rng.random_bool(0.5)) {
-            return None;
-        }
-        let mut steps = vec![vec![action]];
-        steps.extend(rest.steps);
-        let solution = Solution { start: mode, steps, weight: rest.weight };
-        check(instance, &solution).ok()?;
-        Some(Guide::along(network, solution, None))
-    }
-
-    /// A guide under a passing cut on one of the tau's coming actions.
-    fn under_a_cut(&mut self, tau: usize, guide: &Guide, control: &Control) -> Option<Guide> {
-        let actions: Vec<Move> = guide.solution.steps.iter().flatten().copied().collect();
-        let mut cuts = self.cuts.clone();
-        cuts.add(CutKind::Action(*actions.choose(&mut self.rng)?), 2, 1);
-        let mut memo = Memo::new();
-        match self.guidance.guide(self.map.network(), &self.tree[tau].mode, &cuts, &mut memo, control) {
-            Ok(Advice::Go(other)) => Some(other),
-            _ => None,
-        }
-    }
-
     /// `sample_trans`, `select`, `extend` and `modal_check`: grounds the guide's next actions and
     /// moves all arms there; the new vertex with a tau of its own.
-    fn extend(&mut self, tau: usize, guide: &Guide, control: &Control) -> Option<usize> {
+    fn extend(
+        &mut self,
+        tau: usize,
+        guide: &Guide,
+        mut outline: Outline,
+        control: &Control,
+    ) -> Option<usize> {
         let thorough = self.tree[tau].failures > 0;
         let mut moved = None;
-        let mut barren = 0;
-        for attempt in 0..self.settings.groundings {
+        let mut failures = Vec::new();
+        let attempts = self.settings.groundings.min(2 + 2 * self.tree[tau].failures as usize);
+        for attempt in 0..attempts {
             if control.should_stop() {
                 return None;
             }
-            let anew = attempt > 0 || self.tree[tau].expansions > 1;
-            let grounding = match self.grounder.ground(&self.tree[tau], guide, anew) {
+            if attempt > 0 || self.tree[tau].expansions > 1 {
+                self.grounder.renew(&self.tree[tau], guide, &mut outline);
+            }
+            let grounding = match self.grounder.ground(&self.tree[tau], guide, &outline) {
                 Ok(grounding) => grounding,
                 Err(failure) => {
-                    self.explain(&failure);
-                    // Sampling chains is dear; what stands in the way is more likely elsewhere.
-                    barren += 1;
-                    if barren > 1 {
-                        return None;
-                    }
-                    continue;
+                    self.note_grounding_failure(&failure);
+                    return None;
                 }
             };
-            let last = attempt + 1 == self.settings.groundings;
-            if let Some(motion) = self.planner.plan(&grounding.task, thorough && last, control) {
-                moved = Some((grounding, motion));
-                break;
+            let last = attempt + 1 == attempts;
+            match self.planner.plan(&grounding.task, thorough && last, control) {
+                Ok(motion) => {
+                    moved = Some((grounding, motion));
+                    break;
+                }
+                Err(failure) => failures.push(failure),
             }
             self.cause = Some("no motion was found for the arms that does not collide".to_owned());
         }
-        let (grounding, motion) = moved?;
+        let Some((grounding, motion)) = moved else {
+            self.note_motion_failures(guide, &failures);
+            return None;
+        };
         let from = &self.tree[tau];
         let mut mode = from.mode.clone();
         for action in &guide.immediate {
@@ -363,6 +240,8 @@ impl<'a> Search<'a> {
             objects: grounding.objects,
             arms,
             guide: None,
+            guided_at: 0,
+            penalty: 0.0,
             chains: grounding.chains,
             expansions: 0,
             failures: 0,
@@ -398,138 +277,6 @@ impl<'a> Search<'a> {
             }
         }
     }
-
-    fn note_failure(&mut self, tau: usize, guide: &Guide) {
-        self.tree[tau].failures += 1;
-        let failures = self.tree[tau].failures;
-        // Every second failure puts the step that led here in doubt, every fourth the one before.
-        let mut doubtful = tau;
-        while self.tree[doubtful].failures.is_multiple_of(2)
-            && let Some(parent) = self.tree[doubtful].parent
-        {
-            self.tree[parent].failures += 1;
-            doubtful = parent;
-        }
-        if failures.is_multiple_of(self.settings.patience)
-            && matches!(self.problem.options.guidance, GuidanceKind::Smart)
-            && let Some(action) = guide.immediate.choose(&mut self.rng)
-        {
-            self.cuts.add(CutKind::Action(*action), 2, self.settings.cut_lifetime);
-        }
-    }
-
-    fn explain(&mut self, failure: &GroundingFailure) {
-        let (action, what) = match failure {
-            GroundingFailure::NoChain(action) => (action, "no grasps were found that fit together"),
-            GroundingFailure::NoContact(action) => (action, "no contact was found"),
-        };
-        let object = self.problem.objects.get(action.object).map_or("", |o| o.id.as_str());
-        let name = |node| self.map.name(node, self.problem);
-        self.cause =
-            Some(format!("{what} to move {object:?} from {} to {}", name(action.from), name(action.to)));
-    }
-
-    /// `retrace`: the plan that ends at `goal`, with the arms leaving their last contacts.
-    fn finish(&mut self, goal: usize, control: &Control) -> Report {
-        let tail = match self.tail(goal, control) {
-            Some(tail) => tail,
-            None => {
-                if let Some(parent) = self.tree[goal].parent {
-                    self.tree[parent].failures += 1;
-                    self.cause = Some("the arms cannot leave after the last action".to_owned());
-                }
-                return Report::Nothing;
-            }
-        };
-        let mut way = vec![goal];
-        while let Some(parent) = self.tree[way[way.len() - 1]].parent {
-            way.push(parent);
-        }
-        way.reverse();
-        let steps: Vec<Arc<Step>> = way.iter().filter_map(|&i| self.tree[i].step.clone()).collect();
-        let mut parts: Vec<(&StepMotion, &[_])> =
-            steps.iter().map(|step| (&step.motion, step.actions.as_slice())).collect();
-        if let Some(tail) = &tail {
-            parts.push((tail, &[]));
-        }
-        if parts.is_empty() {
-            return Report::Solved(Candidate::standing(&self.problem.initial_joints));
-        }
-        let Some(candidate) = Candidate::join(&parts) else { return Report::Nothing };
-        let cost = candidate.cost(self.problem.options.objective);
-        if self.best.is_some_and(|best| cost >= best) {
-            return Report::Nothing;
-        }
-        self.best_way = way;
-        Report::Candidate(candidate)
-    }
-
-    /// The motion after the last action: arms leave on their lines, and go home where that is
-    /// asked for. `Some(None)` when there is nothing to move.
-    #[allow(clippy::option_option)]
-    fn tail(&mut self, goal: usize, control: &Control) -> Option<Option<StepMotion>> {
-        let vertex = &self.tree[goal];
-        let home = self.problem.options.return_home;
-        let arms: Vec<ArmTask> = vertex
-            .arms
-            .iter()
-            .enumerate()
-            .map(|(index, arm)| ArmTask {
-                start: arm.q.clone(),
-                held: held_by(vertex, ArmId(index)),
-                departure: arm.departure.clone(),
-                wait_for: arm.wait_for,
-                dwell: arm.dwell,
-                goal: if home {
-                    ArmGoal::Contact {
-                        q: self.problem.workcell.arms[index].home.clone(),
-                        approach: None,
-                        exemption: Exemption::default(),
-                        after: None,
-                    }
-                } else {
-                    ArmGoal::Anywhere
-                },
-            })
-            .collect();
-        let still = arms.iter().enumerate().all(|(index, arm)| {
-            arm.departure.is_none() && (!home || arm.start == self.problem.workcell.arms[index].home)
-        });
-        if still {
-            return Some(None);
-        }
-        let task = StepTask { arms, scene: scene(vertex) };
-        self.planner.plan(&task, true, control).map(Some)
-    }
-
-    /// Drops all vertices but the root's and the incumbent's.
-    fn prune(&mut self) {
-        let mut keep: Vec<usize> = self.best_way.clone();
-        if keep.first() != Some(&0) {
-            keep.insert(0, 0);
-        }
-        let renumbered: BTreeMap<usize, usize> =
-            keep.iter().enumerate().map(|(new, &old)| (old, new)).collect();
-        let mut kept = Vec::with_capacity(keep.len());
-        for (index, mut vertex) in std::mem::take(&mut self.tree).into_iter().enumerate() {
-            if renumbered.contains_key(&index) {
-                vertex.parent = vertex.parent.and_then(|parent| renumbered.get(&parent).copied());
-                vertex.failures = 0;
-                kept.push(vertex);
-            }
-        }
-        self.tree = kept;
-        self.best_way = self.best_way.iter().filter_map(|old| renumbered.get(old).copied()).collect();
-    }
-}
-
-/// What the way to `vertex` costs already, a lower bound on the whole.
-fn cost_so_far(vertex: &Vertex, objective: Objective) -> f64 {
-    match objective {
-        Objective::Duration => vertex.elapsed,
-        Objective::ArcLength => vertex.arc.iter().copied().fold(0.0, f64::max),
-        Objective::Steps => vertex.depth as f64,
-    }
 }
 
 /// The vertex of the start.
@@ -563,6 +310,8 @@ fn root(problem: &Problem, map: &Map) -> Vertex {
         arc: vec![0.0; problem.workcell.arms.len()],
         depth: 0,
         guide: None,
+        guided_at: 0,
+        penalty: 0.0,
         chains: BTreeMap::new(),
         expansions: 0,
         failures: 0,

@@ -1,6 +1,5 @@
 //! The tree's vertices: where everything is after a sequence of actions.
 
-use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use crate::geometry::Pose;
@@ -10,7 +9,7 @@ use crate::motion::{Departure, StepMotion};
 use crate::plan::ActionKind;
 use crate::workcell::{ArmId, ObjectId, SurfaceId};
 
-use super::chain::Chain;
+use super::chain::Chains;
 
 /// Where an object is.
 #[derive(Debug, Clone)]
@@ -56,8 +55,11 @@ pub(super) struct Vertex {
     pub(super) depth: usize,
     /// Guidance for this tau, once asked.
     pub(super) guide: Option<Guide>,
+    /// Under which version of the cuts it was asked, and what they add to its steps.
+    pub(super) guided_at: u64,
+    pub(super) penalty: f64,
     /// What was planned for objects on their way, by object.
-    pub(super) chains: BTreeMap<usize, Chain>,
+    pub(super) chains: Chains,
     /// How often it was expanded, and in vain.
     pub(super) expansions: u32,
     pub(super) failures: u32,

@@ -174,11 +174,14 @@ impl<'a> Contacts<'a> {
     pub fn clear_holds(&mut self, query: &ContactQuery, scene: &Scene) -> Vec<(usize, Pose)> {
         let mut holds = self.possible_holds(query);
         holds.retain(|(_, hold)| {
-            (0..self.most())
-                .map_while(|index| self.nth(query, hold, index))
-                .collect::<Vec<_>>()
-                .iter()
-                .any(|contact| self.is_clear(query, contact, scene))
+            for index in 0..self.most() {
+                match self.nth(query, hold, index) {
+                    Some(contact) if self.is_clear(query, &contact, scene) => return true,
+                    Some(_) => {}
+                    None => return false,
+                }
+            }
+            false
         });
         holds
     }
