@@ -280,8 +280,7 @@ impl<'a> Grounder<'a> {
         };
         let mut planner = self.planner();
         let mut can = |asked: &ContactQuery, hold: &Pose, neighbours: &[Neighbour]| {
-            planner.contacts.has(asked, hold)
-                && planner.blockers(asked, hold, neighbours).is_empty()
+            planner.contacts.has(asked, hold) && planner.blockers(asked, hold, neighbours).is_empty()
         };
         let picks = match from {
             Whereabouts::Resting { pose, surface } => {
