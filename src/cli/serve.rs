@@ -58,7 +58,7 @@ async fn serve(listen: SocketAddr, config: ServiceConfig) -> Result<Answer, CliE
     println!("listening on {address}");
     let shutdown = CancellationToken::new();
     tokio::spawn(raise_on_signal(shutdown.clone()));
-    service::serve(listener, config, Arc::new(SmartPlanner), shutdown).await.map_err(named)?;
+    service::serve(listener, config, Arc::new(SmartPlanner::default()), shutdown).await.map_err(named)?;
     tracing::info!("stopped");
     Ok(Answer::Yes)
 }

@@ -70,9 +70,13 @@ impl CollisionWorld {
                 obstacles.push(WorldAtom { atom, at, owner: Owner::Obstacle(ObstacleId(index)) });
             }
         }
-        let objects =
-            problem.objects.iter().map(|object| object.shapes.iter().map(Atom::new).collect()).collect();
+        let objects = object_atoms(problem);
         Self { workcell, arms, obstacles, objects, clearance: problem.options.clearance_m }
+    }
+
+    /// This world with the objects of another problem that has an equal workcell and clearance.
+    pub fn with_objects_of(&self, problem: &Problem) -> Self {
+        Self { workcell: problem.workcell.clone(), objects: object_atoms(problem), ..self.clone() }
     }
 
     /// The clearance (m) that every check certifies.
@@ -288,6 +292,11 @@ impl CollisionWorld {
         let centre: &Vec3 = &mover.bodies.reach_centre;
         (atom.at.centre - centre).norm() > reach + atom.atom.radius + clearance
     }
+}
+
+/// The atoms of each object in its frame.
+fn object_atoms(problem: &Problem) -> Vec<Vec<Atom>> {
+    problem.objects.iter().map(|object| object.shapes.iter().map(Atom::new).collect()).collect()
 }
 
 /// Resting objects prepared for many queries.

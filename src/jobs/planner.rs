@@ -1,6 +1,6 @@
 //! What a job's thread runs.
 
-use crate::planner::{Outcome, PlannerEvent};
+use crate::planner::{Outcome, PlannerCache, PlannerEvent};
 use crate::problem::Problem;
 use crate::run::Control;
 
@@ -16,9 +16,11 @@ pub trait Planner: Send + Sync {
     ) -> Outcome;
 }
 
-/// The planner of this crate, [`crate::planner::plan`].
-#[derive(Debug, Clone, Copy, Default)]
-pub struct SmartPlanner;
+/// The planner of this crate, [`crate::planner::plan_with`]; clones share compiled workcells.
+#[derive(Debug, Clone, Default)]
+pub struct SmartPlanner {
+    cache: std::sync::Arc<PlannerCache>,
+}
 
 impl Planner for SmartPlanner {
     fn plan(
@@ -27,7 +29,7 @@ impl Planner for SmartPlanner {
         control: &Control,
         observe: &mut (dyn FnMut(PlannerEvent<'_>) + Send),
     ) -> Outcome {
-        crate::planner::plan(problem, control, observe)
+        crate::planner::plan_with(&self.cache, problem, control, observe)
     }
 }
 

@@ -18,7 +18,7 @@ mod task;
 mod timed;
 
 pub use arm_path::{Avoid, find_path};
-pub use planner::{StepFailure, StepPlanner};
+pub use planner::{StepFailure, StepPlanner, first_roadmaps};
 pub use roadmap::Roadmap;
 pub use task::{ArmGoal, ArmTask, Departure, StepTask};
 pub use timed::{ArmMotion, StepMotion, Window};

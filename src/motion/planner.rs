@@ -6,7 +6,7 @@ use crate::collision::{CollisionWorld, Exemption};
 use crate::kinematics::Config;
 use crate::problem::Problem;
 use crate::run::{Control, Rng, Seed};
-use crate::workcell::ArmId;
+use crate::workcell::{ArmId, Workcell};
 
 use super::arm_path::{Avoid, find_path};
 use super::composite;
@@ -64,20 +64,45 @@ struct Round {
     avoid: Vec<Vec<(usize, bool)>>,
 }
 
+/// A small roadmap for every arm of `workcell`, built by up to `threads` threads; which of them
+/// builds what makes no difference. They depend on the workcell alone, and clones share what is
+/// found out about their edges. The second value is `false` when `control` stopped it: then they
+/// are smaller than they should be.
+pub fn first_roadmaps(
+    workcell: &Workcell,
+    world: &CollisionWorld,
+    threads: usize,
+    control: &Control,
+) -> (Vec<Roadmap>, bool) {
+    let build = |index: usize| {
+        let arm = &workcell.arms[index];
+        let mut roadmap = Roadmap::new(ArmId(index), arm);
+        let mut rng = Seed(0).stream(&format!("roadmap/{}", arm.id));
+        roadmap.grow(world, arm, FIRST_VERTICES, control, &mut rng);
+        roadmap.share_checks();
+        roadmap
+    };
+    let count = workcell.arms.len();
+    let threads = threads.clamp(1, count.max(1));
+    let mut parts: Vec<Vec<Roadmap>> = Vec::new();
+    if threads == 1 {
+        parts.push((0..count).map(build).collect());
+    } else {
+        let build = &build;
+        std::thread::scope(|scope| {
+            let part = |first: usize| (first..count).step_by(threads).map(build).collect::<Vec<_>>();
+            let workers: Vec<_> = (0..threads).map(|first| scope.spawn(move || part(first))).collect();
+            parts = workers.into_iter().filter_map(|worker| worker.join().ok()).collect();
+        });
+    }
+    let mut roadmaps: Vec<Roadmap> = parts.into_iter().flatten().collect();
+    roadmaps.sort_by_key(Roadmap::arm);
+    (roadmaps, !control.should_stop())
+}
+
 impl<'a> StepPlanner<'a> {
-    /// A planner with a small roadmap for every arm.
-    pub fn new(problem: &'a Problem, world: &'a CollisionWorld, seed: Seed, control: &Control) -> Self {
-        let arms = &problem.workcell.arms;
-        let roadmaps = arms
-            .iter()
-            .enumerate()
-            .map(|(index, arm)| {
-                let mut roadmap = Roadmap::new(ArmId(index), arm);
-                let mut rng = seed.stream(&format!("roadmap/{}", arm.id));
-                roadmap.grow(world, arm, FIRST_VERTICES, control, &mut rng);
-                roadmap
-            })
-            .collect();
+    /// A planner that starts from `roadmaps`, one for every arm: see [`first_roadmaps`].
+    pub fn new(problem: &'a Problem, world: &'a CollisionWorld, roadmaps: Vec<Roadmap>, seed: Seed) -> Self {
         Self { problem, world, roadmaps, rng: seed.stream("motion") }
     }
 

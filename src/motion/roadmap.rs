@@ -1,6 +1,9 @@
 //! One arm's roadmap: free configurations and straight edges between neighbours (PRM*, Karaman
 //! and Frazzoli 2011), validated lazily against the static workcell and remembered.
 
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU8, Ordering};
+
 use rand::Rng as _;
 
 use crate::collision::{CollisionWorld, Exemption, Scene, StraightMotion};
@@ -26,6 +29,27 @@ pub struct Edge {
     validity: Validity,
 }
 
+/// What anybody found out about the edges that a roadmap had when it was shared. It saves checks
+/// and decides nothing: a roadmap learns from it only what it asks.
+#[derive(Debug, Default)]
+struct SharedChecks(Vec<AtomicU8>);
+
+impl SharedChecks {
+    fn get(&self, edge: usize) -> Option<bool> {
+        match self.0.get(edge)?.load(Ordering::Relaxed) {
+            1 => Some(false),
+            2 => Some(true),
+            _ => None,
+        }
+    }
+
+    fn set(&self, edge: usize, free: bool) {
+        if let Some(known) = self.0.get(edge) {
+            known.store(1 + u8::from(free), Ordering::Relaxed);
+        }
+    }
+}
+
 /// A roadmap of one arm. Grows by [`Roadmap::grow`]; edges join each vertex to its nearest
 /// `e (1 + 1/d) ln n` neighbours, the PRM* rule on which asymptotic optimality rests.
 #[derive(Debug, Clone)]
@@ -37,13 +61,25 @@ pub struct Roadmap {
     edges: Vec<Edge>,
     /// Edge numbers by vertex.
     incident: Vec<Vec<usize>>,
+    shared: Arc<SharedChecks>,
 }
 
 impl Roadmap {
     /// An empty roadmap for `arm`.
     pub fn new(id: ArmId, arm: &Arm) -> Self {
         let pace = arm.limits.iter().map(|limit| 1.0 / limit.velocity).collect();
-        Self { arm: id, pace, vertices: Vec::new(), edges: Vec::new(), incident: Vec::new() }
+        let shared = Arc::default();
+        Self { arm: id, pace, vertices: Vec::new(), edges: Vec::new(), incident: Vec::new(), shared }
+    }
+
+    /// Lets all clones made from now on share the checks of the edges that there are.
+    pub fn share_checks(&mut self) {
+        self.shared = Arc::new(SharedChecks(self.edges.iter().map(|_| AtomicU8::new(0)).collect()));
+    }
+
+    /// Whose roadmap it is.
+    pub fn arm(&self) -> ArmId {
+        self.arm
     }
 
     /// The configurations.
@@ -150,13 +186,19 @@ impl Roadmap {
     /// Whether the edge is free of the static workcell, the arm's hand empty; checked at most once.
     pub fn edge_free(&mut self, world: &CollisionWorld, edge: usize) -> bool {
         if self.edges[edge].validity == Validity::Unknown {
-            let [a, b] = self.edges[edge].ends;
-            let motion = StraightMotion::new(&self.vertices[a], &self.vertices[b]);
-            let resting = world.resting_atoms(&Scene::default());
-            let free = world.static_free(self.arm, &motion, None, &resting, Exemption::default());
+            let free = self.shared.get(edge).unwrap_or_else(|| self.check(world, edge));
             self.edges[edge].validity = if free { Validity::Free } else { Validity::Blocked };
         }
         self.edges[edge].validity == Validity::Free
+    }
+
+    fn check(&self, world: &CollisionWorld, edge: usize) -> bool {
+        let [a, b] = self.edges[edge].ends;
+        let motion = StraightMotion::new(&self.vertices[a], &self.vertices[b]);
+        let resting = world.resting_atoms(&Scene::default());
+        let free = world.static_free(self.arm, &motion, None, &resting, Exemption::default());
+        self.shared.set(edge, free);
+        free
     }
 
     /// Whether the edge is known to be blocked by the static workcell.

@@ -1,7 +1,12 @@
 //! The whole pipeline behind one call: mode graph, search, judge, incumbents.
 
+mod cache;
 mod event;
 mod pipeline;
 
+pub use cache::PlannerCache;
 pub use event::{Outcome, PlannerEvent, Termination};
-pub use pipeline::plan;
+pub use pipeline::{plan, plan_with};
+
+#[cfg(test)]
+mod tests;

@@ -6,6 +6,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use crate::collision::CollisionWorld;
 use crate::guidance::{Answer, Certificate, Cuts, Effort, Instance, Network, Proof, solve};
 use crate::mode_graph::{ModeGraphOptions, build_mode_graph, optimistic_mode_graph};
+use crate::motion::Roadmap;
 use crate::plan::{Metrics, Plan, StepsProof};
 use crate::problem::{Objective, Problem};
 use crate::run::{CancelToken, Control, Seed};
@@ -13,6 +14,7 @@ use crate::search::{Candidate, Map, Report, Search, Settings};
 use crate::transition::{Contacts, SampledReach};
 use crate::verify::verify;
 
+use super::cache::PlannerCache;
 use super::event::{Outcome, PlannerEvent, Termination};
 
 /// Least time (s) between two signs of life.
@@ -27,15 +29,27 @@ pub fn plan(
     control: &Control,
     observe: &mut (dyn FnMut(PlannerEvent<'_>) + Send),
 ) -> Outcome {
+    plan_with(&PlannerCache::new(0), problem, control, observe)
+}
+
+/// [`plan`] with what `cache` knows of the workcell, and leaving there what was compiled of it. The
+/// plans are the same whatever it knows; they are only sooner there.
+pub fn plan_with(
+    cache: &PlannerCache,
+    problem: &Problem,
+    control: &Control,
+    observe: &mut (dyn FnMut(PlannerEvent<'_>) + Send),
+) -> Outcome {
     let seed = Seed(problem.options.seed);
     let progress = |observe: &mut (dyn FnMut(PlannerEvent<'_>) + Send), phase| {
         let elapsed_s = control.deadline.elapsed_s();
         observe(PlannerEvent::Progress { elapsed_s, phase, iterations: 0, steps_lower_bound: None });
     };
     progress(observe, "workcell");
-    let world = CollisionWorld::new(problem);
+    let compiled = cache.get(problem, control);
+    let world = compiled.world(problem);
     progress(observe, "mode_graph");
-    let mut reach = SampledReach::new(problem, &world, seed);
+    let mut reach = SampledReach::remembering(problem, &world, seed, compiled.memory());
     // Goals stay apart from their regions, so that an object may be put aside right beside its goal.
     let options = ModeGraphOptions { merge_goals: false, ..ModeGraphOptions::default() };
     let graph = build_mode_graph(problem, &mut reach, &options, control);
@@ -55,6 +69,7 @@ pub fn plan(
     let run = Run {
         problem,
         world: &world,
+        roadmaps: compiled.roadmaps(),
         map: &map,
         control,
         bound: bound.steps,
@@ -103,6 +118,7 @@ struct Bound {
 struct Run<'a, 'o> {
     problem: &'a Problem,
     world: &'a CollisionWorld,
+    roadmaps: &'a [Roadmap],
     map: &'a Map,
     control: &'a Control,
     bound: usize,
@@ -146,6 +162,7 @@ impl<'a> Run<'a, '_> {
             self.world,
             self.map,
             contacts,
+            self.roadmaps.to_vec(),
             Settings::default(),
             seed,
             self.control,

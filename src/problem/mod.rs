@@ -67,6 +67,8 @@ pub struct Problem {
     pub name: String,
     /// `sha256:...` over the canonical document, FORMAT "problem_digest".
     pub digest: String,
+    /// The same over the workcell alone, under which what is compiled of it is kept.
+    pub workcell_digest: String,
     /// The workcell.
     pub workcell: Arc<Workcell>,
     /// The objects, in the document's order.

@@ -21,6 +21,14 @@ impl Seed {
         Rng::seed_from_u64(hash)
     }
 
+    /// A seed that depends on all of `numbers` and their order.
+    pub fn mixed(numbers: impl IntoIterator<Item = u64>) -> Self {
+        // Multiplying by an odd number and turning keeps every bit's part in the result.
+        let mix =
+            |hash: u64, number: u64| (hash ^ number).wrapping_mul(0x9e37_79b9_7f4a_7c15).rotate_left(29);
+        Self(numbers.into_iter().fold(0x243f_6a88_85a3_08d3, mix))
+    }
+
     /// The seed of a numbered part of the run, such as one worker thread.
     pub fn part(&self, index: u64) -> Self {
         Self(self.0 ^ index.wrapping_mul(0xd1b5_4a32_d192_ed03))

@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use crate::collision::CollisionWorld;
 use crate::guidance::{Certificate, Cuts, Effort, Greedy, Guidance, Guide, Memo, Sequential, Smart};
-use crate::motion::StepPlanner;
+use crate::motion::{Roadmap, StepPlanner};
 use crate::problem::{GuidanceKind, InitialPlacement, Objective, Problem};
 use crate::run::{Control, Rng, Seed};
 use crate::transition::Contacts;
@@ -57,13 +57,15 @@ pub struct Search<'a> {
 }
 
 impl<'a> Search<'a> {
-    /// A search whose tree holds the start only; `contacts` may know some transitions already.
+    /// A search whose tree holds the start only; `contacts` may know some transitions already,
+    /// `roadmaps` has one for every arm.
     #[allow(clippy::too_many_arguments)]
     pub fn new(
         problem: &'a Problem,
         world: &'a CollisionWorld,
         map: &'a Map,
         contacts: Contacts<'a>,
+        roadmaps: Vec<Roadmap>,
         settings: Settings,
         seed: Seed,
         control: &Control,
@@ -77,7 +79,7 @@ impl<'a> Search<'a> {
         let mut search = Self {
             problem,
             map,
-            planner: StepPlanner::new(problem, world, seed, control),
+            planner: StepPlanner::new(problem, world, roadmaps, seed),
             grounder: Grounder::new(problem, world, map, contacts, &settings, seed),
             settings,
             guidance,

@@ -261,12 +261,11 @@ impl<'a> Contacts<'a> {
     }
 }
 
-/// A stream that depends on the key alone.
+/// A stream that depends on what is asked alone, not on how the problem numbers its classes.
 fn stream(key: &Key) -> Rng {
-    let (arm, is_place, class, pose, hold) = key;
-    let numbers = [*arm as u64, u64::from(*is_place), *class as u64];
-    let mix = |hash: u64, number: &u64| (hash ^ number).wrapping_mul(0x9e37_79b9_7f4a_7c15).rotate_left(29);
-    Seed(numbers.iter().chain(pose).chain(hold).fold(0, mix)).stream("contacts")
+    let (arm, is_place, _, pose, hold) = *key;
+    let numbers = [arm as u64, u64::from(is_place)];
+    Seed::mixed(numbers.into_iter().chain(pose).chain(hold)).stream("contacts")
 }
 
 /// A pose's numbers to the bit, as a key.

@@ -10,10 +10,15 @@ mod contacts;
 mod handoff;
 mod hands;
 mod line;
+mod memory;
 mod reach;
 
 pub use contact::{Contact, ContactKind, ContactQuery};
 pub use contacts::Contacts;
 pub use handoff::{HandoffContact, HandoffQuery, travel_time};
 pub use line::{LINE_RUNOUT, Line};
+pub use memory::ReachMemory;
 pub use reach::SampledReach;
+
+#[cfg(test)]
+mod tests;

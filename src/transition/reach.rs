@@ -1,5 +1,7 @@
 //! Answers the mode graph's questions by grounding transitions.
 
+use std::sync::Arc;
+
 use crate::collision::CollisionWorld;
 use crate::geometry::Pose;
 use crate::mode_graph::{HandoffWitness, Hold, Reach, RestAction};
@@ -8,29 +10,60 @@ use crate::run::{Rng, Seed};
 use crate::workcell::{ArmId, ObjectId, SurfaceId};
 
 use super::contact::{ContactKind, ContactQuery};
-use super::contacts::Contacts;
+use super::contacts::{Contacts, bits};
 use super::handoff::HandoffQuery;
+use super::memory::{Class, HandoffQuestion, ReachMemory, RestQuestion};
 
 /// Object poses tried before a handoff counts as impossible.
 const HANDOFF_TRIES: usize = 400;
 
-/// Reach by sampled transitions; what it finds stays in its [`Contacts`].
+/// Reach by sampled transitions; what it grounds stays in its [`Contacts`], what it finds out in a
+/// [`ReachMemory`].
 #[derive(Debug)]
 pub struct SampledReach<'a> {
     contacts: Contacts<'a>,
-    rng: Rng,
+    memory: Arc<ReachMemory>,
+    /// By object, its class in the memory.
+    classes: Vec<Class>,
 }
 
 impl<'a> SampledReach<'a> {
-    /// Nothing asked yet.
+    /// Nothing asked yet; contacts beyond the first ones will depend on `seed`.
     pub fn new(problem: &'a Problem, world: &'a CollisionWorld, seed: Seed) -> Self {
+        Self::remembering(problem, world, seed, Arc::default())
+    }
+
+    /// The same with what is known from other problems with an equal workcell, equal clearance and
+    /// an equal number of IK solutions.
+    pub fn remembering(
+        problem: &'a Problem,
+        world: &'a CollisionWorld,
+        seed: Seed,
+        memory: Arc<ReachMemory>,
+    ) -> Self {
         let contacts = Contacts::new(problem, world, seed.stream("reach/contacts"));
-        Self { contacts, rng: seed.stream("reach/handoffs") }
+        // Objects of one class are alike, and digests are not free.
+        let mut numbers: std::collections::BTreeMap<usize, Class> = std::collections::BTreeMap::new();
+        let classes = problem
+            .objects
+            .iter()
+            .map(|object| *numbers.entry(object.class).or_insert_with(|| memory.class(object)))
+            .collect();
+        Self { contacts, memory, classes }
     }
 
     /// The contacts found on the way.
     pub fn into_contacts(self) -> Contacts<'a> {
         self.contacts
+    }
+
+    fn remembered(&mut self, question: RestQuestion, find: impl FnOnce(&mut Contacts<'a>) -> bool) -> bool {
+        if let Some(answer) = self.memory.rest(&question) {
+            return answer;
+        }
+        let answer = find(&mut self.contacts);
+        self.memory.learn_rest(question, answer);
+        answer
     }
 }
 
@@ -73,7 +106,13 @@ impl Reach for SampledReach<'_> {
         surface: SurfaceId,
         hold: &Hold,
     ) -> bool {
-        self.contacts.has(&contact_query(action, arm, object, pose, surface), &hold.object_in_tcp)
+        let query = contact_query(action, arm, object, pose, surface);
+        let find = |contacts: &mut Contacts<'_>| contacts.has(&query, &hold.object_in_tcp);
+        if hold.grasp.is_none() {
+            return find(&mut self.contacts);
+        }
+        let class = self.classes[object.0];
+        self.remembered(RestQuestion::new(class, action, arm, surface, pose, hold.grasp), find)
     }
 
     fn reaches(
@@ -84,7 +123,9 @@ impl Reach for SampledReach<'_> {
         pose: &Pose,
         surface: SurfaceId,
     ) -> bool {
-        self.contacts.any(&contact_query(action, arm, object, pose, surface))
+        let query = contact_query(action, arm, object, pose, surface);
+        let question = RestQuestion::new(self.classes[object.0], action, arm, surface, pose, None);
+        self.remembered(question, |contacts| contacts.any(&query))
     }
 
     fn handoff(
@@ -95,6 +136,11 @@ impl Reach for SampledReach<'_> {
         giver_holds: &[Hold],
         receiver_holds: &[Hold],
     ) -> Option<HandoffWitness> {
+        let class = self.classes[object.0];
+        let question = HandoffQuestion::new(class, (giver, giver_holds), (receiver, receiver_holds));
+        if let Some(known) = question.as_ref().and_then(|question| self.memory.handoff(question)) {
+            return known;
+        }
         let holds = |holds: &[Hold]| -> Vec<(usize, Pose)> {
             holds.iter().enumerate().map(|(index, hold)| (index, hold.object_in_tcp)).collect()
         };
@@ -108,17 +154,27 @@ impl Reach for SampledReach<'_> {
             giver_near: &[],
             receiver_near: &[],
         };
-        let found = self.contacts.handoffs(&query, HANDOFF_TRIES, 1, &mut self.rng);
-        let contact = found.into_iter().next()?;
+        let found = self.contacts.handoffs(&query, HANDOFF_TRIES, 1, &mut stream(&query));
         let named = |holds: &[Hold], pose: &Pose| {
             let same = |hold: &&Hold| hold.object_in_tcp == *pose;
             holds.iter().find(same).copied().unwrap_or(Hold { grasp: None, object_in_tcp: *pose })
         };
-        Some(HandoffWitness {
+        let witness = found.into_iter().next().map(|contact| HandoffWitness {
             giver_hold: named(giver_holds, &contact.giver_hold),
             receiver_hold: named(receiver_holds, &contact.receiver_hold),
             giver_q: contact.giver_q,
             receiver_q: contact.receiver_q,
-        })
+        });
+        if let Some(question) = question {
+            self.memory.learn_handoff(question, witness.clone());
+        }
+        witness
     }
+}
+
+/// A stream that depends on what is asked alone.
+fn stream(query: &HandoffQuery<'_>) -> Rng {
+    let arms = [query.giver.0 as u64, query.receiver.0 as u64, query.giver_holds.len() as u64];
+    let holds = query.giver_holds.iter().chain(query.receiver_holds).flat_map(|(_, hold)| bits(hold));
+    Seed::mixed(arms.into_iter().chain(holds)).stream("handoff")
 }

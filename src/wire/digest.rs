@@ -31,6 +31,13 @@ pub fn problem_digest(document: &Value, contents: &BTreeMap<String, String>) -> 
     serde_json_canonicalizer::to_vec(&document).ok().map(|canonical| sha256(&canonical))
 }
 
+/// The same over the workcell alone: problems with equal ones differ at most in their objects and
+/// where these are. `None` if the value has no canonical form.
+pub fn workcell_digest(document: &Value, contents: &BTreeMap<String, String>) -> Option<String> {
+    let workcell = document.get("workcell").cloned().unwrap_or_default();
+    problem_digest(&serde_json::json!({ "workcell": workcell }), contents)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -48,6 +55,19 @@ mod tests {
         let text = r#"{"b": [2, 5e-1], "options": {"seed": 3}, "name": "x", "a": 1.0}"#;
         assert_eq!(problem_digest(&serde_json::from_str(text).unwrap(), &none), base);
         assert_ne!(problem_digest(&json!({"a": 1, "b": [0.5, 2.0]}), &none), base);
+    }
+
+    #[test]
+    fn objects_do_not_matter_to_the_workcell() {
+        let one = json!({"workcell": {"arms": ["a"]}, "objects": [1]});
+        let other = json!({"objects": [2], "workcell": {"arms": ["a"]}});
+        let third = json!({"workcell": {"arms": ["b"]}, "objects": [1]});
+        let none = BTreeMap::from([("/objects/0".to_owned(), sha256(b"mesh"))]);
+        let digest = |document| workcell_digest(document, &none).unwrap();
+        assert_eq!(digest(&one), digest(&other));
+        assert_ne!(digest(&one), digest(&third));
+        let file = BTreeMap::from([("/workcell/arms/0".to_owned(), sha256(b"urdf"))]);
+        assert_ne!(digest(&one), workcell_digest(&one, &file).unwrap());
     }
 
     #[test]

@@ -106,6 +106,7 @@ impl Cell {
         Problem {
             name: String::new(),
             digest: String::new(),
+            workcell_digest: String::new(),
             initial_joints: workcell.arms.iter().map(|arm| arm.home.clone()).collect(),
             workcell: Arc::new(workcell),
             objects: self.cubes.iter().enumerate().map(object).collect(),

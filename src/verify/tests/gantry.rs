@@ -140,6 +140,7 @@ pub fn problem() -> Problem {
     Problem {
         name: String::new(),
         digest: "sha256:gantries".into(),
+        workcell_digest: "sha256:gantries".into(),
         initial_joints: workcell.arms.iter().map(|arm| arm.home.clone()).collect(),
         workcell: Arc::new(workcell),
         objects: vec![cube("red"), cube("blue")],

@@ -23,7 +23,7 @@ use serde_json::Value;
 
 use self::context::Context;
 use self::draft::Draft;
-use super::digest::problem_digest;
+use super::digest::{problem_digest, workcell_digest};
 use super::fault::{Fault, FaultCode};
 use super::json;
 use super::reader::{Fields, Node};
@@ -112,7 +112,8 @@ fn read_document(document: &Value, context: &mut Context<'_>) -> Option<Problem>
     if !context.faults.is_empty() {
         return None;
     }
-    let Some(digest) = problem_digest(document, &context.contents) else {
+    let digests = (problem_digest(document, &context.contents), workcell_digest(document, &context.contents));
+    let (Some(digest), Some(workcell_digest)) = digests else {
         let message = "the document has no canonical form; use ordinary numbers and text";
         context.faults.push("", FaultCode::InvalidJson, message);
         return None;
@@ -127,6 +128,7 @@ fn read_document(document: &Value, context: &mut Context<'_>) -> Option<Problem>
     Some(Problem {
         name,
         digest,
+        workcell_digest,
         workcell: Arc::new(workcell),
         objects: whole(draft.objects)?,
         initial: whole(initial)?,
