@@ -7,7 +7,9 @@ use crate::geometry::{Pose, Vec3};
 use crate::kinematics::{Lever, LinkMotion};
 use crate::workcell::Arm;
 
-use super::atom::{Atom, PlacedAtom};
+use super::atom::Atom;
+#[cfg(test)]
+use super::atom::PlacedAtom;
 
 /// Lever arms of a body by joint: the most (m per rad, or 1 for a slide) that a point of it moves
 /// per unit of the joint; `None` where the joint does not move it.
@@ -67,10 +69,8 @@ impl ArmBodies {
         model.link_poses(&vec![0.0; model.dof()], &mut poses);
         let first = model.joints.first().map_or(0, |joint| joint.link);
         let reach_centre = (arm.base * poses[first]).translation.vector;
-        let reach_of = |link: usize, radius: f64| match model.lever(&arm.limits, 0, link) {
-            Some(_) => model.origin_distance(0, link).unwrap_or(f64::INFINITY) + slide_extent(arm) + radius,
-            None => ((arm.base * poses[link]).translation.vector - reach_centre).norm() + radius,
-        };
+        let placed: Vec<Pose> = poses.iter().map(|pose| arm.base * *pose).collect();
+        let reach_of = |link: usize, radius: f64| link_reach(arm, link, radius, &placed, &reach_centre);
         let reach_radius =
             atoms.iter().map(|atom| reach_of(atom.link, atom.atom.reach())).fold(0.0, f64::max);
         let mount_reach = reach_of(model.mount, 0.0);
@@ -85,6 +85,7 @@ impl ArmBodies {
     }
 
     /// Places all atoms with the links at `links` (world frame).
+    #[cfg(test)]
     pub(super) fn place(&self, links: &[Pose], out: &mut Vec<PlacedAtom>) {
         out.resize_with(self.atoms.len(), PlacedAtom::nowhere);
         for (atom, placed) in self.atoms.iter().zip(out.iter_mut()) {
@@ -100,6 +101,20 @@ impl ArmBodies {
     /// The reach radius with a held body within `radius` of the mount's origin.
     pub(super) fn reach_with(&self, radius: f64) -> f64 {
         self.reach_radius.max(self.mount_reach + radius)
+    }
+}
+
+/// Radius (m) of a ball around the first joint's origin `centre` that no point within `radius` of the
+/// origin of `link` ever leaves; `links` are the links in place at zero.
+pub(super) fn link_reach(arm: &Arm, link: usize, radius: f64, links: &[Pose], centre: &Vec3) -> f64 {
+    let model = &arm.model;
+    match model.lever(&arm.limits, 0, link) {
+        Some(_) => model.origin_distance(0, link).unwrap_or(f64::INFINITY) + slide_extent(arm) + radius,
+        // The first joint does not move it: either nothing does, or a joint of another branch.
+        None if (0..model.dof()).all(|joint| model.lever(&arm.limits, joint, link).is_none()) => {
+            (links[link].translation.vector - centre).norm() + radius
+        }
+        None => f64::INFINITY,
     }
 }
 

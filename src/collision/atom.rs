@@ -6,20 +6,32 @@ use super::segment_distance::{segment_box, segment_segment_squared};
 
 /// What encloses an atom, in the frame of its body.
 #[derive(Debug, Clone)]
-enum Core {
+pub(super) enum Core {
     /// All points within `radius` of the segment `a b`.
-    Capsule { a: Vec3, b: Vec3, radius: f64 },
+    Capsule {
+        /// One end (m).
+        a: Vec3,
+        /// The other end (m).
+        b: Vec3,
+        /// Metres.
+        radius: f64,
+    },
     /// A box at `pose` in the body's frame.
-    Box { pose: Pose, half: Vec3 },
+    Box {
+        /// Its frame.
+        pose: Pose,
+        /// Its half extents (m).
+        half: Vec3,
+    },
 }
 
 /// One convex piece of a body.
 #[derive(Debug, Clone)]
 pub struct Atom {
-    core: Core,
+    pub(super) core: Core,
     /// Whether the core is the shape itself.
-    core_is_exact: bool,
-    exact: ExactShape,
+    pub(super) core_is_exact: bool,
+    pub(super) exact: ExactShape,
     /// Centre of a ball that holds core and shape, in the body's frame (m).
     pub(super) centre: Vec3,
     /// Its radius (m).
@@ -29,7 +41,7 @@ pub struct Atom {
 /// An atom placed in the world.
 #[derive(Debug, Clone)]
 pub(super) struct PlacedAtom {
-    body: Pose,
+    pub(super) body: Pose,
     pub(super) centre: Vec3,
     a: Vec3,
     b: Vec3,
@@ -104,6 +116,12 @@ impl Atom {
         let mut out = PlacedAtom::nowhere();
         self.place(body, &mut out);
         out
+    }
+
+    /// The distance (m) of the exact shapes with their bodies at `body` and `other_body`, negative
+    /// where they overlap, or some lower bound of at least `need`.
+    pub(super) fn distance(&self, body: &Pose, other: &Atom, other_body: &Pose, need: f64) -> f64 {
+        self.exact.gap(body, &other.exact, other_body, need)
     }
 
     /// A lower bound (m) on the distance between two placed atoms. It is either at least `need`,

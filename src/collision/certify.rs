@@ -1,12 +1,9 @@
-//! Continuous certification of motions, by halving intervals.
+//! Motions that are certified, and which of the movers' bodies may touch.
 
-use crate::geometry::Pose;
 use crate::kinematics::Config;
 
-use super::UNDECIDED_MOTION;
-use super::arm_bodies::Levers;
-use super::atom::{Atom, PlacedAtom};
-use super::world::{CollisionWorld, Mover, Owner, WorldAtom};
+use super::lanes::Samples;
+use super::world::{CollisionWorld, Mover, Owner};
 
 /// A motion of one arm's joints over a domain.
 pub trait JointMotion: Sync {
@@ -19,7 +16,38 @@ pub trait JointMotion: Sync {
 
     /// The domain.
     fn span(&self) -> (f64, f64);
+
+    /// Whether nothing moves at all.
+    fn stands_still(&self) -> bool {
+        false
+    }
+
+    /// [`Self::at`] the middle of each interval and [`Self::deviation`] over it, rounded to single
+    /// precision, deviations upwards.
+    fn sample(&self, intervals: &[(f64, f64); 8], out: &mut Samples) {
+        out.values.clear();
+        out.deviations.clear();
+        for (lane, &(from, to)) in intervals.iter().enumerate() {
+            // Lanes that are not used repeat another one.
+            if lane > 0 && intervals[lane - 1] == (from, to) {
+                for row in out.values.iter_mut().chain(&mut out.deviations) {
+                    row[lane] = row[lane - 1];
+                }
+                continue;
+            }
+            let (values, deviations) = (self.at((from + to) / 2.0), self.deviation(from, to));
+            out.values.resize(values.len(), [0.0; 8]);
+            out.deviations.resize(values.len(), [0.0; 8]);
+            for (joint, (value, deviation)) in values.iter().zip(&deviations).enumerate() {
+                out.values[joint][lane] = *value as f32;
+                out.deviations[joint][lane] = *deviation as f32 * DEVIATION_ROUND_UP;
+            }
+        }
+    }
 }
+
+/// Deviations in single precision are rounded up by this much, relative.
+const DEVIATION_ROUND_UP: f32 = 1.0 + 1e-6;
 
 /// The straight joint segment between two configurations, over [0, 1].
 #[derive(Debug, Clone)]
@@ -53,105 +81,59 @@ impl JointMotion for StraightMotion {
     fn span(&self) -> (f64, f64) {
         (0.0, 1.0)
     }
+
+    fn stands_still(&self) -> bool {
+        self.delta.iter().all(|d| *d == 0.0)
+    }
+
+    fn sample(&self, intervals: &[(f64, f64); 8], out: &mut Samples) {
+        let (mut middles, mut halves) = ([0.0; 8], [0.0; 8]);
+        for (lane, (from, to)) in intervals.iter().enumerate() {
+            middles[lane] = ((from + to) / 2.0) as f32;
+            halves[lane] = ((to - from) / 2.0) as f32 * DEVIATION_ROUND_UP;
+        }
+        out.values.clear();
+        out.deviations.clear();
+        for (from, delta) in self.from.iter().zip(&self.delta) {
+            let (from, delta) = (*from as f32, *delta as f32);
+            out.values.push(middles.map(|s| delta * s + from));
+            out.deviations.push(halves.map(|half| delta.abs() * half * DEVIATION_ROUND_UP));
+        }
+    }
 }
 
 /// A body of a mover: one of its arm's atoms, or one of its held object's (counted after them).
-type BodyIndex = u16;
+pub(super) type BodyIndex = u16;
 
-#[derive(Clone, Copy)]
-struct Pair {
-    a: BodyIndex,
-    b: BodyIndex,
-    /// What `b` counts: atoms of the same mover, of the other mover, or static ones.
-    with: With,
-}
+/// Several configurations, one after the other: [n, n + 1) stands still at the n-th.
+#[derive(Debug)]
+pub(super) struct Stations<'a>(pub(super) &'a [&'a [f64]]);
 
-#[derive(Clone, Copy, PartialEq, Eq)]
-enum With {
-    Itself,
-    World,
-    Other,
-}
+impl JointMotion for Stations<'_> {
+    fn at(&self, s: f64) -> Config {
+        self.0.get(s as usize).or(self.0.last()).map(|q| Config::from_slice(q)).unwrap_or_default()
+    }
 
-/// A mover's bodies placed at one parameter.
-struct Placement {
-    links: Vec<Pose>,
-    atoms: Vec<PlacedAtom>,
-    deviation: Config,
-}
+    fn deviation(&self, _: f64, _: f64) -> Config {
+        self.0.first().map(|q| q.iter().map(|_| 0.0).collect()).unwrap_or_default()
+    }
 
-impl Placement {
-    fn new() -> Self {
-        Self { links: Vec::new(), atoms: Vec::new(), deviation: Config::new() }
+    fn span(&self) -> (f64, f64) {
+        (0.0, self.0.len() as f64)
     }
 }
 
 impl Mover<'_> {
-    fn body_count(&self) -> usize {
-        self.bodies.atoms.len() + self.held.as_ref().map_or(0, |held| held.atoms.len())
-    }
-
-    fn atom(&self, body: BodyIndex) -> &Atom {
-        let index = usize::from(body);
-        match (self.bodies.atoms.get(index), &self.held) {
-            (Some(atom), _) => &atom.atom,
-            (None, Some(held)) => &held.atoms[index - self.bodies.atoms.len()],
-            (None, None) => unreachable!("body indices come from body_count"),
-        }
-    }
-
-    fn levers(&self, body: BodyIndex) -> &Levers {
-        match (self.bodies.atoms.get(usize::from(body)), &self.held) {
-            (Some(atom), _) => &atom.levers,
-            (None, Some(held)) => &held.levers,
-            (None, None) => unreachable!("body indices come from body_count"),
-        }
-    }
-
-    fn is_held(&self, body: BodyIndex) -> bool {
+    pub(super) fn is_held(&self, body: BodyIndex) -> bool {
         usize::from(body) >= self.bodies.atoms.len()
     }
 
-    fn is_hand(&self, body: BodyIndex) -> bool {
+    pub(super) fn is_hand(&self, body: BodyIndex) -> bool {
         self.bodies.atoms.get(usize::from(body)).is_some_and(|atom| atom.is_hand)
     }
 
-    fn place(&self, world: &CollisionWorld, s: f64, out: &mut Placement) {
-        let model = &world.workcell.arms[self.arm.0].model;
-        model.link_poses(&self.motion.at(s), &mut out.links);
-        for pose in &mut out.links {
-            *pose = self.base * *pose;
-        }
-        self.bodies.place(&out.links, &mut out.atoms);
-        if let Some(held) = &self.held {
-            let body = out.links[model.mount] * held.in_mount;
-            for atom in held.atoms {
-                let mut placed = PlacedAtom::nowhere();
-                atom.place(&body, &mut placed);
-                out.atoms.push(placed);
-            }
-        }
-    }
-
-    /// The most (m) that a body moves in the world while the joints deviate by `deviation`.
-    fn motion_bound(&self, body: BodyIndex, deviation: &[f64]) -> f64 {
-        self.levers(body).iter().zip(deviation).map(|(lever, d)| lever.map_or(0.0, |l| l * d)).sum()
-    }
-
-    /// The most that two bodies of this arm move against each other: joints that move both do not
-    /// count.
-    fn relative_bound(&self, a: BodyIndex, b: BodyIndex, deviation: &[f64]) -> f64 {
-        let mut sum = 0.0;
-        for ((la, lb), d) in self.levers(a).iter().zip(self.levers(b)).zip(deviation) {
-            sum += match (la, lb) {
-                (Some(_), Some(_)) | (None, None) => 0.0,
-                (Some(l), None) | (None, Some(l)) => l * d,
-            };
-        }
-        sum
-    }
-
-    fn may_touch_world(&self, body: BodyIndex, owner: Owner, world: &CollisionWorld) -> bool {
+    /// Whether a body may touch a static one.
+    pub(super) fn may_touch_world(&self, body: BodyIndex, owner: Owner, world: &CollisionWorld) -> bool {
         match owner {
             Owner::Obstacle(obstacle) => match self.bodies.atoms.get(usize::from(body)) {
                 Some(atom) => world.workcell.allowed_arm_obstacle.contains(&(self.arm, atom.group, obstacle)),
@@ -160,62 +142,21 @@ impl Mover<'_> {
             Owner::Resting(object) => self.is_hand(body) && self.exemption.hand_with == Some(object),
         }
     }
-}
 
-/// Whether one arm's motion is free of itself and of static atoms.
-pub(super) fn static_free(world: &CollisionWorld, mover: &Mover<'_>, resting: &[WorldAtom]) -> bool {
-    let statics: Vec<&WorldAtom> = world
-        .obstacles
-        .iter()
-        .chain(resting)
-        .filter(|atom| !CollisionWorld::out_of_reach(mover, atom, world.clearance))
-        .filter(|atom| match (atom.owner, &mover.held) {
-            (Owner::Resting(object), Some(held)) => object != held.object,
-            _ => true,
-        })
-        .collect();
-    let mut pairs = Vec::with_capacity(256);
-    let bodies = mover.body_count() as BodyIndex;
-    for a in 0..bodies {
-        let moves = mover.levers(a).iter().any(Option::is_some);
-        for (b, atom) in statics.iter().enumerate() {
-            // What never moves cannot come into contact: it was checked when the problem was read,
-            // except against objects that were moved since.
-            let fixed = !moves && matches!(atom.owner, Owner::Obstacle(_));
-            if !fixed && !mover.may_touch_world(a, atom.owner, world) {
-                pairs.push(Pair { a, b: b as BodyIndex, with: With::World });
-            }
-        }
-        if mover.is_held(a) {
-            for (b, atom) in mover.bodies.atoms.iter().enumerate() {
-                if !atom.is_hand {
-                    pairs.push(Pair { a, b: b as BodyIndex, with: With::Itself });
-                }
-            }
-        }
-    }
-    for &(a, b) in &mover.bodies.self_pairs {
-        pairs.push(Pair { a: a as BodyIndex, b: b as BodyIndex, with: With::Itself });
-    }
-    let mut check = Check { world, mover, other: None, statics: &statics, pairs };
-    let (from, to) = mover.motion.span();
-    check.run((from, to)).is_none()
-}
-
-/// The parameter near which two arms first fail to be certified apart.
-pub(super) fn arm_pair_conflict(
-    world: &CollisionWorld,
-    mover: &Mover<'_>,
-    other: &Mover<'_>,
-    span: (f64, f64),
-) -> Option<f64> {
-    let allowed = |a: BodyIndex, b: BodyIndex| -> bool {
-        let group = |m: &Mover<'_>, body: BodyIndex| {
-            m.bodies.atoms.get(usize::from(body)).map(|atom| (m.arm, atom.group))
+    /// Whether a body may touch one of another arm.
+    pub(super) fn may_touch_arm(
+        &self,
+        body: BodyIndex,
+        other: &Mover<'_>,
+        other_body: BodyIndex,
+        world: &CollisionWorld,
+    ) -> bool {
+        let group = |mover: &Mover<'_>, body: BodyIndex| {
+            mover.bodies.atoms.get(usize::from(body)).map(|atom| (mover.arm, atom.group))
         };
-        if let (Some(ga), Some(gb)) = (group(mover, a), group(other, b)) {
+        if let (Some(ours), Some(theirs)) = (group(self, body), group(other, other_body)) {
             let list = &world.workcell.allowed_arm_arm;
-            return list.contains(&(ga, gb)) || list.contains(&(gb, ga));
+            return list.contains(&(ours, theirs)) || list.contains(&(theirs, ours));
         }
         // A hand that takes or has just released the object in the other arm's hand.
         let exempt = |hand: &Mover<'_>, body: BodyIndex, holder: &Mover<'_>, object: BodyIndex| {
@@ -223,94 +164,6 @@ pub(super) fn arm_pair_conflict(
                 && holder.is_held(object)
                 && holder.held.as_ref().is_some_and(|held| hand.exemption.hand_with == Some(held.object))
         };
-        exempt(mover, a, other, b) || exempt(other, b, mover, a)
-    };
-    let mut pairs = Vec::with_capacity(256);
-    for a in 0..mover.body_count() as BodyIndex {
-        for b in 0..other.body_count() as BodyIndex {
-            if !allowed(a, b) {
-                pairs.push(Pair { a, b, with: With::Other });
-            }
-        }
-    }
-    let mut check = Check { world, mover, other: Some(other), statics: &[], pairs };
-    check.run(span)
-}
-
-/// One certification: the pairs still open are a stack of ranges.
-struct Check<'a> {
-    world: &'a CollisionWorld,
-    mover: &'a Mover<'a>,
-    other: Option<&'a Mover<'a>>,
-    statics: &'a [&'a WorldAtom],
-    pairs: Vec<Pair>,
-}
-
-impl Check<'_> {
-    fn run(&mut self, span: (f64, f64)) -> Option<f64> {
-        let mut placements = (Placement::new(), Placement::new());
-        let open = (0, self.pairs.len());
-        self.halve(span, open, &mut placements)
-    }
-
-    /// Certifies the pairs `open` over `span`; the middle of an interval that fails otherwise.
-    fn halve(
-        &mut self,
-        span: (f64, f64),
-        open: (usize, usize),
-        at: &mut (Placement, Placement),
-    ) -> Option<f64> {
-        if open.0 == open.1 {
-            return None;
-        }
-        let middle = (span.0 + span.1) / 2.0;
-        self.mover.place(self.world, middle, &mut at.0);
-        at.0.deviation = self.mover.motion.deviation(span.0, span.1);
-        if let Some(other) = self.other {
-            other.place(self.world, middle, &mut at.1);
-            at.1.deviation = other.motion.deviation(span.0, span.1);
-        }
-        let clearance = self.world.clearance;
-        let start = self.pairs.len();
-        for index in open.0..open.1 {
-            let pair = self.pairs[index];
-            let (separation, bound) = self.look(pair, at);
-            if separation < clearance + bound {
-                if separation < clearance || bound < UNDECIDED_MOTION {
-                    return Some(middle);
-                }
-                self.pairs.push(pair);
-            }
-        }
-        let left = (start, self.pairs.len());
-        let found = self.halve((span.0, middle), left, at).or_else(|| self.halve((middle, span.1), left, at));
-        self.pairs.truncate(start);
-        found
-    }
-
-    /// The pair's separation now and the most that it can change in the interval.
-    fn look(&self, pair: Pair, at: &(Placement, Placement)) -> (f64, f64) {
-        let mover = self.mover;
-        let atom = mover.atom(pair.a);
-        let placed = &at.0.atoms[usize::from(pair.a)];
-        let clearance = self.world.clearance;
-        match (pair.with, self.other) {
-            (With::World, _) => {
-                let bound = mover.motion_bound(pair.a, &at.0.deviation);
-                let fixed = self.statics[usize::from(pair.b)];
-                (atom.separation(placed, &fixed.atom, &fixed.at, clearance + bound), bound)
-            }
-            (With::Other, Some(other)) => {
-                let bound =
-                    mover.motion_bound(pair.a, &at.0.deviation) + other.motion_bound(pair.b, &at.1.deviation);
-                let theirs = &at.1.atoms[usize::from(pair.b)];
-                (atom.separation(placed, other.atom(pair.b), theirs, clearance + bound), bound)
-            }
-            _ => {
-                let bound = mover.relative_bound(pair.a, pair.b, &at.0.deviation);
-                let second = &at.0.atoms[usize::from(pair.b)];
-                (atom.separation(placed, mover.atom(pair.b), second, clearance + bound), bound)
-            }
-        }
+        exempt(self, body, other, other_body) || exempt(other, other_body, self, body)
     }
 }

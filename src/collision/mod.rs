@@ -17,6 +17,9 @@ mod arm_bodies;
 mod atom;
 mod certify;
 mod hand;
+mod lanes;
+#[cfg(test)]
+mod reference;
 mod scene;
 mod segment_distance;
 mod world;
@@ -24,6 +27,7 @@ mod world;
 pub use arm_bodies::ArmBodies;
 pub use atom::Atom;
 pub use certify::{JointMotion, StraightMotion};
+pub use lanes::Samples;
 pub use scene::{Exemption, Held, Scene};
 pub use world::{CollisionWorld, Resting};
 

@@ -1,5 +1,6 @@
 //! The compiled workcell and its queries.
 
+use crate::geometry::lanes::InstructionSet;
 use crate::geometry::{Pose, Vec3};
 use crate::problem::Problem;
 use crate::workcell::{ArmId, ObjectId, ObstacleId, Workcell};
@@ -7,7 +8,8 @@ use std::sync::Arc;
 
 use super::arm_bodies::{ArmBodies, Levers};
 use super::atom::{Atom, PlacedAtom};
-use super::certify::{self, JointMotion, StraightMotion};
+use super::certify::{JointMotion, Stations, StraightMotion};
+use super::lanes::{Certification, Companion, LaneArm, LaneHeld, LaneMover, LaneStatic, Outcome};
 use super::scene::{Exemption, Held, Scene};
 
 /// A static atom in the world.
@@ -33,6 +35,7 @@ pub(super) struct Mover<'a> {
     pub(super) motion: &'a dyn JointMotion,
     pub(super) held: Option<HeldAtoms<'a>>,
     pub(super) exemption: Exemption,
+    pub(super) lanes: LaneMover<'a>,
 }
 
 /// The atoms of a held object, on the mount link.
@@ -55,13 +58,33 @@ pub struct CollisionWorld {
     pub(super) objects: Vec<Vec<Atom>>,
     /// Clearance (m) that is certified.
     pub(super) clearance: f64,
+    /// What single precision may err by (m).
+    pub(super) inflation: f32,
+    /// Clearance and inflation (m).
+    pub(super) margin: f32,
+    pub(super) lane_arms: Vec<LaneArm>,
+    pub(super) lane_obstacles: Vec<LaneStatic>,
+    /// What the lanes are counted from, in the world.
+    origin: Vec3,
+    set: InstructionSet,
 }
+
+/// What single precision errs by at most near the origin (m); tests compare with double precision.
+const INFLATION: f64 = 1.0e-5;
+
+/// And this much more by metre of distance from it.
+const INFLATION_PER_METRE: f64 = 3.0e-6;
 
 impl CollisionWorld {
     /// Compiles the workcell and the objects of `problem`.
     pub fn new(problem: &Problem) -> Self {
+        Self::with_instructions(problem, InstructionSet::best())
+    }
+
+    /// The same on a chosen instruction set.
+    pub fn with_instructions(problem: &Problem, set: InstructionSet) -> Self {
         let workcell = problem.workcell.clone();
-        let arms = workcell.arms.iter().map(ArmBodies::new).collect();
+        let arms: Vec<ArmBodies> = workcell.arms.iter().map(ArmBodies::new).collect();
         let mut obstacles = Vec::new();
         for (index, obstacle) in workcell.obstacles.iter().enumerate() {
             for placed in &obstacle.shapes {
@@ -71,7 +94,41 @@ impl CollisionWorld {
             }
         }
         let objects = object_atoms(problem);
-        Self { workcell, arms, obstacles, objects, clearance: problem.options.clearance_m }
+        let clearance = problem.options.clearance_m;
+        let origin = arms.iter().map(|arm| arm.reach_centre).sum::<Vec3>() / arms.len().max(1) as f64;
+        let extent = |arm: &ArmBodies| {
+            let reach = if arm.reach_radius.is_finite() { arm.reach_radius } else { 0.0 };
+            (arm.reach_centre - origin).norm() + reach
+        };
+        let extent = arms.iter().map(extent).fold(0.0, f64::max);
+        let inflation = (INFLATION + INFLATION_PER_METRE * extent) as f32;
+        let to_lanes = Pose::translation(-origin.x, -origin.y, -origin.z);
+        let lane_obstacles = obstacles
+            .iter()
+            .map(|obstacle: &WorldAtom| LaneStatic::new(&obstacle.atom, &(to_lanes * obstacle.at.body)))
+            .collect();
+        let lane_arms = workcell
+            .arms
+            .iter()
+            .zip(&arms)
+            .map(|(arm, bodies)| {
+                LaneArm::new(arm, bodies, &origin, &obstacles, clearance + f64::from(inflation))
+            })
+            .collect();
+        let margin = clearance as f32 + inflation;
+        Self {
+            workcell,
+            arms,
+            obstacles,
+            objects,
+            clearance,
+            inflation,
+            margin,
+            lane_arms,
+            lane_obstacles,
+            origin,
+            set,
+        }
     }
 
     /// This world with the objects of another problem that has an equal workcell and clearance.
@@ -95,10 +152,36 @@ impl CollisionWorld {
         exemption: Exemption,
     ) -> Vec<bool> {
         let resting = self.resting_atoms(scene);
-        configs
-            .iter()
-            .map(|q| self.static_free(arm, &StraightMotion::rest(q), held, &resting, exemption))
-            .collect()
+        let mut free = Vec::with_capacity(configs.len());
+        for batch in configs.chunks(8) {
+            let stations = Stations(batch);
+            let mover = self.mover(arm, &stations, held, exemption);
+            let pieces: [(f64, f64); 8] = std::array::from_fn(|n| (n as f64, n as f64 + 1.0));
+            let outcome = self.set.run(Certification {
+                world: self,
+                first: &mover,
+                companion: Companion::Surroundings(&resting.atoms, &resting.lanes),
+                pieces: &pieces[..batch.len()],
+                each: true,
+            });
+            free.extend((0..batch.len()).map(|n| outcome.blocked >> n & 1 == 0));
+        }
+        free
+    }
+
+    /// Certifies over `span` in eight pieces; where nothing moves in one.
+    fn certify(
+        &self,
+        first: &Mover<'_>,
+        companion: Companion<'_>,
+        still: bool,
+        (from, to): (f64, f64),
+    ) -> Outcome {
+        let edge = |n: usize| from + (to - from) * n as f64 / 8.0;
+        let pieces: [(f64, f64); 8] = std::array::from_fn(|n| (edge(n), edge(n + 1)));
+        let count = if still { 1 } else { 8 };
+        let pieces = &pieces[..count];
+        self.set.run(Certification { world: self, first, companion, pieces, each: false })
     }
 
     /// Whether the arm is free at `q`; see [`Self::configs_free`].
@@ -194,12 +277,15 @@ impl CollisionWorld {
         if between > reach(&a) + reach(&b) + self.clearance {
             return None;
         }
-        certify::arm_pair_conflict(self, &a, &b, span)
+        let still = first.1.stands_still() && second.1.stands_still();
+        self.certify(&a, Companion::Arm(&b), still, span).at
     }
 
     /// Whether the held object of `arm` at `q` touches an object that rests, both as they are.
     pub fn resting_atoms(&self, scene: &Scene) -> Resting {
         let mut atoms = Vec::new();
+        let mut lanes = Vec::new();
+        let to_lanes = Pose::translation(-self.origin.x, -self.origin.y, -self.origin.z);
         for (object, pose) in &scene.resting {
             for atom in self.objects.get(object.0).into_iter().flatten() {
                 atoms.push(WorldAtom {
@@ -207,9 +293,10 @@ impl CollisionWorld {
                     at: atom.placed(pose),
                     owner: Owner::Resting(*object),
                 });
+                lanes.push(LaneStatic::new(atom, &(to_lanes * pose)));
             }
         }
-        Resting { atoms }
+        Resting { atoms, lanes }
     }
 
     /// Whether the arm's motion is free, against resting objects prepared by
@@ -223,7 +310,8 @@ impl CollisionWorld {
         exemption: Exemption,
     ) -> bool {
         let mover = self.mover(arm, motion, held, exemption);
-        certify::static_free(self, &mover, &resting.atoms)
+        let around = Companion::Surroundings(&resting.atoms, &resting.lanes);
+        self.certify(&mover, around, motion.stands_still(), motion.span()).blocked == 0
     }
 
     /// Whether an object at rest at `pose` is clear of the other resting objects and of every
@@ -267,7 +355,7 @@ impl CollisionWorld {
         })
     }
 
-    fn mover<'a>(
+    pub(super) fn mover<'a>(
         &'a self,
         arm: ArmId,
         motion: &'a dyn JointMotion,
@@ -283,14 +371,10 @@ impl CollisionWorld {
                 in_mount.translation.vector.norm() + atoms.iter().map(Atom::reach).fold(0.0, f64::max);
             HeldAtoms { object: held.object, in_mount, atoms, levers: bodies.held_levers(radius), radius }
         });
-        Mover { arm, base: model.base, bodies, motion, held, exemption }
-    }
-
-    /// Where atoms of obstacles are too far for anything that the arm moves.
-    pub(super) fn out_of_reach(mover: &Mover<'_>, atom: &WorldAtom, clearance: f64) -> bool {
-        let reach = mover.bodies.reach_with(mover.held.as_ref().map_or(0.0, |h| h.radius));
-        let centre: &Vec3 = &mover.bodies.reach_centre;
-        (atom.at.centre - centre).norm() > reach + atom.atom.radius + clearance
+        let lane_arm = &self.lane_arms[arm.0];
+        let lane_held = held.as_ref().map(|held| LaneHeld::new(lane_arm, held));
+        let lanes = LaneMover { arm: lane_arm, held: lane_held };
+        Mover { arm, base: model.base, bodies, motion, held, exemption, lanes }
     }
 }
 
@@ -303,4 +387,5 @@ fn object_atoms(problem: &Problem) -> Vec<Vec<Atom>> {
 #[derive(Debug, Clone)]
 pub struct Resting {
     pub(super) atoms: Vec<WorldAtom>,
+    lanes: Vec<LaneStatic>,
 }

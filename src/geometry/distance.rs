@@ -72,8 +72,8 @@ impl ExactShape {
         }
         let a = to_parry_pose(&(body * self.local));
         let b = to_parry_pose(&(other_body * other.local));
-        match query::intersection_test(&a, self.shape.as_ref(), &b, other.shape.as_ref()) {
-            Ok(found) if !found.intersecting => self.signed_distance(body, other, other_body, cutoff),
+        match query::distance(&a, self.shape.as_ref(), &b, other.shape.as_ref()) {
+            Ok(found) if found.distance > 0.0 => found.distance,
             // Every pair of convex shapes is supported; an unsupported one counts as overlap.
             Ok(_) | Err(_) => f64::NEG_INFINITY,
         }

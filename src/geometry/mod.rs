@@ -4,6 +4,7 @@
 //! robots, problems or plans.
 
 mod distance;
+pub mod lanes;
 mod pose;
 mod shape;
 

@@ -1,0 +1,369 @@
+//! An arm compiled for lanes: frames, atoms, limbs, and which of them are checked against which.
+
+use nalgebra::UnitQuaternion;
+use smallvec::SmallVec;
+
+use super::core::{LaneCapsule, LaneCore};
+use super::limb::{Ball, Enclosure};
+use crate::collision::arm_bodies::{ArmBodies, Levers, link_reach};
+use crate::collision::atom::{Atom, Core};
+use crate::collision::world::WorldAtom;
+use crate::geometry::{PlacedShape, Pose, Shape, Vec3};
+use crate::kinematics::MovingFrames;
+use crate::workcell::Arm;
+
+/// A lever arm by joint (m per rad, or 1 for a slide); [`UNMOVED`] where the joint moves nothing.
+pub(super) type Row = SmallVec<[f32; 8]>;
+
+/// In a [`Row`]: the joint does not move the body.
+pub(super) const UNMOVED: f32 = -1.0;
+
+/// Lever arms are rounded up by this much, relative.
+const ROUND_UP: f32 = 1.0 + 1e-6;
+
+/// Unbounded lever arms (of slides without limits) count as this long (m).
+const GREATEST_LEVER: f32 = 1e6;
+
+/// A limb of two frames is preferred to two limbs up to this ratio of their sizes.
+const MERGE: f64 = 1.4;
+
+/// An atom in lanes.
+#[derive(Debug, Clone)]
+pub(super) struct LaneAtom {
+    pub(super) core: LaneCore,
+    pub(super) frame: Option<usize>,
+    pub(super) levers: Row,
+    /// Whether the core is the shape itself.
+    pub(super) exact: bool,
+}
+
+/// A capsule around some atoms.
+#[derive(Debug, Clone)]
+pub(super) struct Limb {
+    pub(super) capsule: LaneCapsule,
+    pub(super) frame: Option<usize>,
+    /// How joints move the capsule, not what is in it.
+    pub(super) levers: Row,
+    pub(super) atoms: Vec<u16>,
+}
+
+/// Pairs of atoms of two limbs (or of one).
+#[derive(Debug, Clone)]
+pub(super) struct SelfGroup {
+    /// The limbs, where they can be apart, and how joints move them against each other.
+    pub(super) limbs: Option<(usize, usize, Row)>,
+    pub(super) pairs: Vec<SelfPair>,
+}
+
+/// Two atoms that are checked against each other.
+#[derive(Debug, Clone)]
+pub(super) struct SelfPair {
+    pub(super) a: u16,
+    pub(super) b: u16,
+}
+
+/// Who of an arm may meet an obstacle.
+#[derive(Debug, Clone)]
+pub(super) struct NearStatic {
+    /// Index among the obstacle atoms.
+    pub(super) index: usize,
+    /// By limb, whether it can get there.
+    pub(super) limbs: Vec<bool>,
+    /// Whether one of them can.
+    pub(super) any: bool,
+}
+
+/// The compiled arm.
+#[derive(Debug, Clone)]
+pub(in crate::collision) struct LaneArm {
+    pub(super) frames: MovingFrames,
+    pub(super) atoms: Vec<LaneAtom>,
+    pub(super) limbs: Vec<Limb>,
+    pub(super) self_groups: Vec<SelfGroup>,
+    pub(super) near: Vec<NearStatic>,
+    /// The frame of the mount link, and its pose in it.
+    pub(super) mount: (Option<usize>, Pose),
+}
+
+/// A [`Row`] of `levers`.
+pub(super) fn row(levers: &Levers) -> Row {
+    levers.iter().map(|lever| lever.map_or(UNMOVED, |l| (l as f32 * ROUND_UP).min(GREATEST_LEVER))).collect()
+}
+
+/// How joints move two bodies of one arm against each other: a joint that moves both does not count.
+pub(super) fn relative(a: &Row, b: &Row) -> Row {
+    a.iter()
+        .zip(b)
+        .map(|(&x, &y)| match (x != UNMOVED, y != UNMOVED) {
+            (true, false) => x,
+            (false, true) => y,
+            _ => UNMOVED,
+        })
+        .collect()
+}
+
+impl LaneArm {
+    /// Compiles `arm` among `obstacles`; the placement's frame is the world's moved to `origin`.
+    /// What is farther than `clearance` (m) from all that a limb can reach it will never be asked
+    /// about.
+    pub(in crate::collision) fn new(
+        arm: &Arm,
+        bodies: &ArmBodies,
+        origin: &Vec3,
+        obstacles: &[WorldAtom],
+        clearance: f64,
+    ) -> Self {
+        let mut base = arm.base;
+        base.translation.vector -= origin;
+        let frames = MovingFrames::new(&arm.model, &base);
+        let atoms: Vec<LaneAtom> = bodies
+            .atoms
+            .iter()
+            .map(|atom| {
+                let (frame, body) = frames.rider(atom.link);
+                LaneAtom {
+                    core: LaneCore::new(&atom.atom, body),
+                    frame,
+                    levers: row(&atom.levers),
+                    exact: atom.atom.core_is_exact,
+                }
+            })
+            .collect();
+        let laid = Builder::new(arm, bodies, &frames).limbs();
+        let near = obstacles
+            .iter()
+            .enumerate()
+            .map(|(index, obstacle)| {
+                let limbs: Vec<bool> =
+                    laid.iter().map(|(_, reach)| reach.may_meet(obstacle, origin, clearance)).collect();
+                NearStatic { index, any: limbs.contains(&true), limbs }
+            })
+            .collect();
+        let limbs: Vec<Limb> = laid.into_iter().map(|(limb, _)| limb).collect();
+        let self_groups = self_groups(bodies, &atoms, &limbs);
+        let (mount, pose) = frames.rider(arm.model.mount);
+        let mount = (mount, *pose);
+        Self { frames, atoms, limbs, self_groups, near, mount }
+    }
+}
+
+/// Where a limb can be, in the frame of the placement.
+enum Extent {
+    /// It stands still.
+    Still(Enclosure),
+    /// Within a ball.
+    Ball(Vec3, f64),
+}
+
+impl Extent {
+    fn may_meet(&self, obstacle: &WorldAtom, origin: &Vec3, clearance: f64) -> bool {
+        match self {
+            Self::Ball(centre, radius) => {
+                (obstacle.at.centre - origin - centre).norm() <= radius + obstacle.atom.radius + clearance
+            }
+            Self::Still(capsule) => {
+                let axis = capsule.b - capsule.a;
+                let rotation = UnitQuaternion::rotation_between(&Vec3::z(), &axis).unwrap_or_else(|| {
+                    UnitQuaternion::from_axis_angle(&Vec3::x_axis(), std::f64::consts::PI)
+                });
+                let shape = Shape::Capsule { radius: capsule.radius, half_length: axis.norm() / 2.0 };
+                let middle = (capsule.a + capsule.b) / 2.0 + origin;
+                let atom = Atom::new(&PlacedShape { shape, pose: Pose::from_parts(middle.into(), rotation) });
+                let at = atom.placed(&Pose::identity());
+                atom.separation(&at, &obstacle.atom, &obstacle.at, clearance) < clearance
+            }
+        }
+    }
+}
+
+/// Pairs that are checked, by the limbs in which they lie.
+fn self_groups(bodies: &ArmBodies, atoms: &[LaneAtom], limbs: &[Limb]) -> Vec<SelfGroup> {
+    let limb_of = |atom: usize| limbs.iter().position(|limb| limb.atoms.contains(&(atom as u16)));
+    let mut groups = std::collections::BTreeMap::<_, Vec<SelfPair>>::new();
+    for &(a, b) in &bodies.self_pairs {
+        // What nothing moves against each other was looked at when the problem was read.
+        if relative(&atoms[a].levers, &atoms[b].levers).iter().all(|l| *l == UNMOVED) {
+            continue;
+        }
+        let key = (limb_of(a), limb_of(b));
+        groups.entry(key).or_default().push(SelfPair { a: a as u16, b: b as u16 });
+    }
+    groups
+        .into_iter()
+        .map(|((first, second), pairs)| {
+            // Neighbours always touch; to look at them as a whole is a waste.
+            let limbs = match (first, second) {
+                (Some(x), Some(y)) if x.abs_diff(y) > 1 && pairs.len() > 1 => {
+                    Some((x, y, relative(&limbs[x].levers, &limbs[y].levers)))
+                }
+                _ => None,
+            };
+            SelfGroup { limbs, pairs }
+        })
+        .collect()
+}
+
+/// Lays limbs around an arm's atoms.
+struct Builder<'a> {
+    arm: &'a Arm,
+    bodies: &'a ArmBodies,
+    frames: &'a MovingFrames,
+    /// Frames in the placement at zero.
+    at_zero: Vec<Pose>,
+    /// Links in the placement at zero.
+    links: Vec<Pose>,
+    /// Atoms by frame, those that stand still first.
+    members: Vec<Vec<u16>>,
+}
+
+/// One way to enclose some atoms: a capsule in the coordinates of `frame` that moves with `rigid`.
+#[derive(Clone)]
+struct Draft {
+    capsule: Enclosure,
+    frame: Option<usize>,
+    rigid: Option<usize>,
+    atoms: Vec<u16>,
+}
+
+impl<'a> Builder<'a> {
+    fn new(arm: &'a Arm, bodies: &'a ArmBodies, frames: &'a MovingFrames) -> Self {
+        let model = &arm.model;
+        let mut links = Vec::new();
+        model.link_poses(&vec![0.0; model.dof()], &mut links);
+        let mut base = Pose::identity();
+        // The base in the placement, from the root link, which nothing moves.
+        if let (None, pose) = frames.rider(0) {
+            base = pose * links[0].inverse();
+        }
+        for pose in &mut links {
+            *pose = base * *pose;
+        }
+        let mut at_zero = vec![Pose::identity(); frames.len()];
+        for (link, pose) in links.iter().enumerate() {
+            if let (Some(frame), local) = frames.rider(link) {
+                at_zero[frame] = pose * local.inverse();
+            }
+        }
+        let mut members = vec![Vec::new(); frames.len() + 1];
+        for (index, atom) in bodies.atoms.iter().enumerate() {
+            let (frame, _) = frames.rider(atom.link);
+            members[frame.map_or(0, |frame| frame + 1)].push(index as u16);
+        }
+        Self { arm, bodies, frames, at_zero, links, members }
+    }
+
+    /// The limbs of least size, and where each can be.
+    fn limbs(&self) -> Vec<(Limb, Extent)> {
+        // Along the frames: the last limb holds one frame or two.
+        let count = self.members.len();
+        let mut best: Vec<(f64, Vec<Draft>)> = vec![(0.0, Vec::new())];
+        for slot in 0..count {
+            let (cost, drafts) = &best[slot];
+            let alone = self.alone(slot);
+            let size = alone.as_ref().map_or(0.0, |draft| draft.capsule.size());
+            let mut least = (cost + size, drafts.iter().cloned().chain(alone).collect::<Vec<_>>());
+            let follows = slot > 0 && self.frames.parent(slot - 1).map_or(0, |parent| parent + 1) + 1 == slot;
+            if follows
+                && !self.members[slot].is_empty()
+                && !self.members[slot - 1].is_empty()
+                && let Some(draft) = self.about_axis(slot, true)
+            {
+                let (cost, drafts) = &best[slot - 1];
+                let both = cost + draft.capsule.size() / MERGE;
+                if both < least.0 {
+                    least = (both, drafts.iter().cloned().chain([draft]).collect());
+                }
+            }
+            best.push(least);
+        }
+        let drafts = best.pop().map(|(_, drafts)| drafts).unwrap_or_default();
+        drafts.into_iter().map(|draft| self.finish(draft)).collect()
+    }
+
+    /// Points of the atoms in `slot` in the coordinates of `frame` (of the placement for `None`).
+    fn balls(&self, slot: usize, frame: Option<usize>) -> Vec<Ball> {
+        let mut balls = Vec::new();
+        for &index in &self.members[slot] {
+            let atom = &self.bodies.atoms[usize::from(index)];
+            let link = self.links[atom.link];
+            let pose = frame.map_or(link, |frame| self.at_zero[frame].inverse() * link);
+            let at = |v: &Vec3| pose.rotation * v + pose.translation.vector;
+            match &atom.atom.core {
+                Core::Capsule { a, b, radius } => balls.extend([(at(a), *radius), (at(b), *radius)]),
+                Core::Box { pose: local, half } => {
+                    for corner in 0..8 {
+                        let sign = |bit: usize| if corner >> bit & 1 == 0 { 1.0 } else { -1.0 };
+                        let v = Vec3::new(half.x * sign(0), half.y * sign(1), half.z * sign(2));
+                        balls.push((at(&(local.rotation * v + local.translation.vector)), 0.0));
+                    }
+                }
+            }
+        }
+        balls
+    }
+
+    /// A limb around one slot's atoms.
+    fn alone(&self, slot: usize) -> Option<Draft> {
+        let frame = slot.checked_sub(1);
+        let balls = self.balls(slot, frame);
+        if balls.is_empty() {
+            return None;
+        }
+        let mut directions = vec![Vec3::x(), Vec3::y(), Vec3::z()];
+        for pair in balls.chunks_exact(2) {
+            directions.extend((pair[1].0 - pair[0].0).try_normalize(1e-6));
+        }
+        let capsule = Enclosure::least(&balls, &directions)?;
+        let free = Draft { capsule, frame, rigid: frame, atoms: self.members[slot].clone() };
+        // About its own axis it moves less.
+        let turning = frame.and_then(|_| self.about_axis(slot, false));
+        Some(turning.filter(|t| t.capsule.size() < 1.1 * free.capsule.size()).unwrap_or(free))
+    }
+
+    /// A limb about the axis of the slot's joint, around its atoms and, with `both`, those of the
+    /// slot before. `None` for a slide.
+    fn about_axis(&self, slot: usize, both: bool) -> Option<Draft> {
+        let frame = slot.checked_sub(1)?;
+        if self.frames.slides(frame) {
+            return None;
+        }
+        let mut balls = self.balls(slot, Some(frame));
+        let mut atoms = self.members[slot].clone();
+        if both {
+            balls.extend(self.balls(slot - 1, Some(frame)));
+            atoms.extend(&self.members[slot - 1]);
+        }
+        let capsule = Enclosure::along(&balls, &Vec3::zeros(), &Vec3::z());
+        Some(Draft { capsule, frame: Some(frame), rigid: self.frames.parent(frame), atoms })
+    }
+
+    fn finish(&self, draft: Draft) -> (Limb, Extent) {
+        let Draft { mut capsule, mut frame, rigid, atoms } = draft;
+        let model = &self.arm.model;
+        let in_placement = |v: &Vec3| match frame {
+            Some(frame) => self.at_zero[frame].rotation * v + self.at_zero[frame].translation.vector,
+            None => *v,
+        };
+        let placed = Enclosure { a: in_placement(&capsule.a), b: in_placement(&capsule.b), ..capsule };
+        let carrier = rigid
+            .and_then(|rigid| (0..model.links.len()).find(|&link| self.frames.rider(link).0 == Some(rigid)));
+        let (levers, extent) = match carrier {
+            None => {
+                (capsule, frame) = (placed, None);
+                (model.joints.iter().map(|_| UNMOVED).collect(), Extent::Still(placed))
+            }
+            Some(link) => {
+                let reach = placed.reach(&self.links[link].translation.vector);
+                let levers: Levers = (0..model.dof())
+                    .map(|joint| model.lever(&self.arm.limits, joint, link).map(|lever| lever.at(reach)))
+                    .collect();
+                let first = model.joints.first().map_or(0, |joint| joint.link);
+                let centre = self.links[first].translation.vector;
+                let radius = link_reach(self.arm, link, reach, &self.links, &centre);
+                (row(&levers), Extent::Ball(centre, radius))
+            }
+        };
+        let capsule = LaneCapsule::new(&capsule.a, &capsule.b, capsule.radius);
+        (Limb { capsule, frame, levers, atoms }, extent)
+    }
+}

@@ -1,0 +1,26 @@
+//! The hot path: the same checks as the exact ones, eight instants at a time in single precision,
+//! coarse before fine.
+//!
+//! An edge is cut in eight; in the middle of each piece every pair must be farther apart than the
+//! clearance and the most that both can move in half a piece. What is not, is cut again, with only the
+//! pairs that are still open. Single precision errs by less than the inflation that is
+//! added to what is asked; where that or an enclosing core leaves the answer open, the exact
+//! shapes decide.
+
+mod arm;
+mod broad;
+mod certify;
+mod core;
+mod exact;
+mod limb;
+mod mover;
+mod narrow;
+
+#[cfg(test)]
+mod tests;
+
+pub(super) use arm::LaneArm;
+pub(super) use certify::{Certification, Companion, Outcome};
+pub(super) use core::LaneStatic;
+pub use mover::Samples;
+pub(super) use mover::{LaneHeld, LaneMover};

@@ -1,0 +1,158 @@
+//! An arm that takes part in a query, placed at eight instants.
+
+use smallvec::SmallVec;
+
+use super::arm::{LaneArm, LaneAtom, Limb, Row, UNMOVED, row};
+use super::core::{LaneCapsule, LaneCore, Placed};
+use crate::collision::world::HeldAtoms;
+use crate::geometry::Vec3;
+use crate::geometry::lanes::{Float8, Segment8, V3};
+use crate::kinematics::Frames8;
+
+/// Joint values and how far they stray, at eight instants.
+#[derive(Debug, Clone, Default)]
+pub struct Samples {
+    /// By joint the values in the middle of each interval (rad or m).
+    pub values: SmallVec<[[f32; 8]; 8]>,
+    /// By joint how far it is from there at most within the interval (rad or m).
+    pub deviations: SmallVec<[[f32; 8]; 8]>,
+}
+
+/// An arm in a query.
+pub(in crate::collision) struct LaneMover<'a> {
+    pub(in crate::collision) arm: &'a LaneArm,
+    pub(in crate::collision) held: Option<LaneHeld>,
+}
+
+/// A held object.
+pub(in crate::collision) struct LaneHeld {
+    pub(super) limb: Limb,
+    pub(super) atoms: SmallVec<[LaneAtom; 1]>,
+}
+
+/// An arm at eight instants.
+pub(super) struct PlacedArm<F> {
+    pub(super) frames: Frames8<F>,
+    pub(super) deviations: SmallVec<[F; 8]>,
+    /// Its limbs, the held object last.
+    pub(super) limbs: SmallVec<[PlacedLimb<F>; 8]>,
+    /// The box around all limbs that move, or of which something may be asked, each grown by its
+    /// own need.
+    pub(super) low: V3<F>,
+    pub(super) high: V3<F>,
+}
+
+/// A limb at eight instants.
+#[derive(Clone, Copy)]
+pub(super) struct PlacedLimb<F> {
+    pub(super) axis: Segment8<F>,
+    /// Its radius and the most that it moves in the interval (m).
+    pub(super) need: F,
+}
+
+impl<'a> LaneMover<'a> {
+    pub(super) fn limb(&self, index: usize) -> Option<&Limb> {
+        self.arm.limbs.get(index).or(self.held.as_ref().map(|held| &held.limb))
+    }
+
+    /// One of the arm's atoms or, counted after them, of the held object's.
+    pub(super) fn atom(&self, index: u16) -> &LaneAtom {
+        let (index, own) = (usize::from(index), &self.arm.atoms);
+        match &self.held {
+            Some(held) if index >= own.len() => &held.atoms[index - own.len()],
+            _ => &own[index],
+        }
+    }
+
+    /// Places frames and limbs.
+    #[inline(always)]
+    pub(super) fn place<F: Float8>(&self, samples: &Samples, with_limbs: bool, out: &mut PlacedArm<F>) {
+        self.arm.frames.place(&samples.values, &mut out.frames);
+        out.deviations.clear();
+        for deviation in &samples.deviations {
+            out.deviations.push(F::load(deviation));
+        }
+        out.limbs.clear();
+        if !with_limbs {
+            return;
+        }
+        let (least, most) = (F::splat(f32::INFINITY), F::splat(f32::NEG_INFINITY));
+        (out.low, out.high) = ([least; 3], [most; 3]);
+        let held = self.held.as_ref().map(|held| &held.limb);
+        for limb in self.arm.limbs.iter().chain(held) {
+            let axis = limb.capsule.place(limb.frame.map(|frame| &out.frames[frame]));
+            let mut need = F::splat(limb.capsule.radius);
+            if limb.frame.is_some() {
+                need = need + motion_bound(&limb.levers, &out.deviations);
+            }
+            for k in 0..3 {
+                let (a, b) = (axis.start[k], axis.start[k] + axis.along[k]);
+                out.low[k] = out.low[k].min(a.min(b) - need);
+                out.high[k] = out.high[k].max(a.max(b) + need);
+            }
+            out.limbs.push(PlacedLimb { axis, need });
+        }
+    }
+
+    /// The core of an atom.
+    #[inline(always)]
+    pub(super) fn place_atom<F: Float8>(&self, index: u16, at: &PlacedArm<F>) -> Placed<F> {
+        let atom = self.atom(index);
+        atom.core.place(atom.frame.map(|frame| &at.frames[frame]))
+    }
+}
+
+impl LaneHeld {
+    /// The held object's lanes on `arm`.
+    pub(in crate::collision) fn new(arm: &LaneArm, held: &HeldAtoms<'_>) -> Self {
+        let (frame, mount) = &arm.mount;
+        let body = mount * held.in_mount;
+        let levers = row(&held.levers);
+        let atoms: SmallVec<[LaneAtom; 1]> = held
+            .atoms
+            .iter()
+            .map(|atom| LaneAtom {
+                core: LaneCore::new(atom, &body),
+                frame: *frame,
+                levers: levers.clone(),
+                exact: atom.core_is_exact,
+            })
+            .collect();
+        // A ball around all atoms' balls.
+        let centres = held.atoms.iter().map(|atom| atom.centre);
+        let middle = centres.sum::<Vec3>() / held.atoms.len().max(1) as f64;
+        let radius =
+            held.atoms.iter().map(|atom| (atom.centre - middle).norm() + atom.radius).fold(0.0, f64::max);
+        let centre = body.rotation * middle + body.translation.vector;
+        let capsule = LaneCapsule::new(&centre, &centre, radius);
+        let first = arm.atoms.len() as u16;
+        let indices = (first..first + held.atoms.len() as u16).collect();
+        Self { limb: Limb { capsule, frame: *frame, levers, atoms: indices }, atoms }
+    }
+}
+
+impl<F: Float8> PlacedArm<F> {
+    #[inline(always)]
+    pub(super) fn nowhere() -> Self {
+        let zero = F::splat(0.0);
+        Self {
+            frames: SmallVec::new(),
+            deviations: SmallVec::new(),
+            limbs: SmallVec::new(),
+            low: [zero; 3],
+            high: [zero; 3],
+        }
+    }
+}
+
+/// The most (m) that a body with these lever arms moves while the joints stray.
+#[inline(always)]
+pub(super) fn motion_bound<F: Float8>(levers: &Row, deviations: &[F]) -> F {
+    let mut sum = F::splat(0.0);
+    for (lever, deviation) in levers.iter().zip(deviations) {
+        if *lever != UNMOVED {
+            sum = F::splat(*lever).mul_add(*deviation, sum);
+        }
+    }
+    sum
+}

@@ -1,0 +1,202 @@
+//! The lanes against the same certification in double precision with exact shapes.
+
+use rand::Rng as _;
+
+use crate::collision::reference;
+use crate::collision::{CollisionWorld, Exemption, Held, JointMotion, Scene, StraightMotion};
+use crate::geometry::lanes::InstructionSet;
+use crate::geometry::pose_from_parts;
+use crate::kinematics::Config;
+use crate::problem::{InitialPlacement, Problem};
+use crate::run::{Rng, Seed};
+use crate::wire::{Folder, ReadLimits, read_problem};
+use crate::workcell::{ArmId, ObjectId, ObstacleId};
+
+fn problem(name: &str) -> Problem {
+    let entry = crate::scenario::find(name).unwrap();
+    read_problem(entry.text.as_bytes(), &Folder::new("."), &ReadLimits::default()).unwrap().problem
+}
+
+fn sets() -> [InstructionSet; 2] {
+    [InstructionSet::best(), InstructionSet::portable()]
+}
+
+fn random_config(problem: &Problem, arm: ArmId, rng: &mut Rng) -> Config {
+    let arm = &problem.workcell.arms[arm.0];
+    let near_home = rng.random_bool(0.6);
+    arm.limits
+        .iter()
+        .zip(&arm.home)
+        .map(|(limit, home)| {
+            let half = if near_home { 0.5 } else { 6.0 };
+            rng.random_range(limit.lower.max(home - half)..limit.upper.min(home + half))
+        })
+        .collect()
+}
+
+fn random_held(problem: &Problem, rng: &mut Rng) -> Option<Held> {
+    let object = ObjectId(rng.random_range(0..problem.objects.len()));
+    let mut r = || rng.random_range(-1.0..1.0);
+    let object_in_tcp =
+        pose_from_parts([0.01 * r(), 0.01 * r(), 0.02 * r()], [r(), r(), r(), 1.2 + 0.2 * r()]);
+    rng.random_bool(0.5).then_some(Held { object, object_in_tcp })
+}
+
+fn random_exemption(problem: &Problem, rng: &mut Rng) -> Exemption {
+    Exemption {
+        hand_with: rng.random_bool(0.3).then(|| ObjectId(rng.random_range(0..problem.objects.len()))),
+        held_with: rng
+            .random_bool(0.3)
+            .then(|| ObstacleId(rng.random_range(0..problem.workcell.obstacles.len()))),
+    }
+}
+
+/// Objects where they start, and some where the arms will meet them.
+fn random_scene(problem: &Problem, rng: &mut Rng) -> Scene {
+    let resting = problem.initial.iter().enumerate().filter_map(|(object, placement)| match placement {
+        InitialPlacement::Resting { pose, .. } => Some((ObjectId(object), *pose)),
+        InitialPlacement::Held { .. } => None,
+    });
+    let mut scene = Scene { resting: resting.collect() };
+    if let Some((_, pose)) = scene.resting.first_mut() {
+        let mut r = || rng.random_range(-1.0..1.0);
+        *pose = pose_from_parts([0.5 * r(), 0.5 * r(), 1.0 + 0.4 * r()], [r(), r(), r(), 1.2]);
+    }
+    scene
+}
+
+struct Case {
+    arm: ArmId,
+    q: Config,
+    to: Config,
+    held: Option<Held>,
+    exemption: Exemption,
+}
+
+fn random_case(problem: &Problem, rng: &mut Rng) -> Case {
+    let arm = ArmId(rng.random_range(0..problem.workcell.arms.len()));
+    let q = random_config(problem, arm, rng);
+    let far = random_config(problem, arm, rng);
+    let part = if rng.random_bool(0.5) { 0.05 } else { 0.5 };
+    let to = q.iter().zip(&far).map(|(a, b)| a + (b - a) * part).collect();
+    Case { arm, q, to, held: random_held(problem, rng), exemption: random_exemption(problem, rng) }
+}
+
+#[test]
+fn single_configurations_get_the_exact_verdict() {
+    for (name, cases) in [("switch/9x4", 3000), ("in_place_swap/1x2", 1500)] {
+        let problem = problem(name);
+        for set in sets() {
+            let world = CollisionWorld::with_instructions(&problem, set);
+            let mut rng = Seed(21).stream(name);
+            let mut free = 0;
+            for _ in 0..cases {
+                let case = random_case(&problem, &mut rng);
+                let scene = random_scene(&problem, &mut rng);
+                let found = world.config_free(case.arm, &case.q, case.held.as_ref(), &scene, case.exemption);
+                let motion = StraightMotion::rest(&case.q);
+                let truth = reference::is_free(&world, &case.parts(&motion), &scene);
+                assert_eq!(found, truth, "{} {:?} {:?}", set.name(), case.arm, case.q);
+                free += usize::from(truth);
+            }
+            assert!(free > cases / 10 && free < cases * 9 / 10, "{free} of {cases}");
+        }
+    }
+}
+
+impl Case {
+    fn parts<'a>(&'a self, motion: &'a dyn JointMotion) -> reference::Taking<'a> {
+        (self.arm, motion, self.held.as_ref(), self.exemption)
+    }
+}
+
+#[test]
+fn batches_answer_like_single_questions() {
+    let problem = problem("switch/4x4");
+    let world = CollisionWorld::new(&problem);
+    let mut rng = Seed(22).stream("batches");
+    for _ in 0..100 {
+        let arm = ArmId(rng.random_range(0..4));
+        let scene = random_scene(&problem, &mut rng);
+        let held = random_held(&problem, &mut rng);
+        let exemption = random_exemption(&problem, &mut rng);
+        let configs: Vec<Config> =
+            (0..rng.random_range(0..20)).map(|_| random_config(&problem, arm, &mut rng)).collect();
+        let slices: Vec<&[f64]> = configs.iter().map(|q| &q[..]).collect();
+        let found = world.configs_free(arm, &slices, held.as_ref(), &scene, exemption);
+        let single: Vec<bool> =
+            configs.iter().map(|q| world.config_free(arm, q, held.as_ref(), &scene, exemption)).collect();
+        assert_eq!(found, single);
+    }
+}
+
+/// Nothing on a certified edge is in contact, and what stays a little clearer is certified.
+#[test]
+fn edges_are_certified_where_they_are_clear() {
+    let problem = problem("switch/9x4");
+    let mut strict = problem.clone();
+    strict.options.clearance_m += 3e-4;
+    let stricter = CollisionWorld::new(&strict);
+    for set in sets() {
+        let world = CollisionWorld::with_instructions(&problem, set);
+        let mut rng = Seed(23).stream("edges");
+        let mut certified = 0;
+        for _ in 0..600 {
+            let case = random_case(&problem, &mut rng);
+            let scene = random_scene(&problem, &mut rng);
+            let motion = StraightMotion::new(&case.q, &case.to);
+            let found =
+                world.edge_free(case.arm, &case.q, &case.to, case.held.as_ref(), &scene, case.exemption);
+            certified += usize::from(found);
+            if found {
+                for step in 0..=40 {
+                    let q = motion.at(f64::from(step) / 40.0);
+                    let rest = StraightMotion::rest(&q);
+                    assert!(reference::is_free(&world, &case.parts(&rest), &scene), "{:?}", case.q);
+                }
+            } else {
+                assert!(!reference::is_free(&stricter, &case.parts(&motion), &scene), "{:?}", case.q);
+            }
+        }
+        assert!(certified > 60 && certified < 540, "{certified}");
+    }
+}
+
+#[test]
+fn arms_are_kept_apart_like_in_double_precision() {
+    let problem = problem("switch/9x4");
+    let mut strict = problem.clone();
+    strict.options.clearance_m += 3e-4;
+    let stricter = CollisionWorld::new(&strict);
+    for set in sets() {
+        let world = CollisionWorld::with_instructions(&problem, set);
+        let mut rng = Seed(24).stream("pairs");
+        let mut apart = 0;
+        for _ in 0..1500 {
+            let (mut a, mut b) = (random_case(&problem, &mut rng), random_case(&problem, &mut rng));
+            // Neighbours, mostly.
+            a.arm = ArmId(4);
+            b.arm = ArmId([1, 3, 5, 7, 0][rng.random_range(0..5)]);
+            let rests = (StraightMotion::rest(&a.q), StraightMotion::rest(&b.q));
+            let still = world.arms_apart(
+                (a.arm, &a.q, a.held.as_ref(), a.exemption),
+                (b.arm, &b.q, b.held.as_ref(), b.exemption),
+            );
+            assert_eq!(still, reference::are_apart(&world, &a.parts(&rests.0), &b.parts(&rests.1)));
+            let moves = (StraightMotion::new(&a.q, &a.to), StraightMotion::new(&b.q, &b.to));
+            let found = world.motions_apart(a.parts(&moves.0), b.parts(&moves.1), (0.0, 1.0));
+            apart += usize::from(found);
+            if found {
+                for step in 0..=20 {
+                    let s = f64::from(step) / 20.0;
+                    let (qa, qb) =
+                        (StraightMotion::rest(&moves.0.at(s)), StraightMotion::rest(&moves.1.at(s)));
+                    assert!(reference::are_apart(&world, &a.parts(&qa), &b.parts(&qb)));
+                }
+            } else {
+                assert!(!reference::are_apart(&stricter, &a.parts(&moves.0), &b.parts(&moves.1)));
+            }
+        }
+        assert!(apart > 150 && apart < 1495, "{apart}");
+    }
+}
