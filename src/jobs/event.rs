@@ -1,10 +1,11 @@
 //! What happens to a job, as its readers see it (FORMAT "Events").
 
 use std::sync::Arc;
+use std::time::Duration;
 
 use crate::plan::Metrics;
 
-use super::{JobId, TerminationReason, Timestamp};
+use super::{JobId, JobState, TerminationReason, Timestamp};
 
 /// One event of one job.
 #[derive(Debug, Clone)]
@@ -36,6 +37,11 @@ pub enum EventBody {
     Progress(Progress),
     /// A better plan, accepted by the judge.
     Incumbent(Incumbent),
+    /// An attempt is over without an end: the job waits for the next one.
+    Retrying(Retrying),
+    /// Stands in for older events that are kept no longer: made for a reader, never stored. Its
+    /// number is that of the last event that is gone.
+    Snapshot(Snapshot),
     /// The end; the last event of every job.
     Terminal(Terminal),
 }
@@ -43,6 +49,11 @@ pub enum EventBody {
 impl EventBody {
     /// Whether the event is kept and numbered.
     pub fn is_durable(&self) -> bool {
+        !matches!(self, EventBody::Progress(_) | EventBody::Snapshot(_))
+    }
+
+    /// Whether a reader that has seen the event may resume from its number.
+    pub fn is_resumable(&self) -> bool {
         !matches!(self, EventBody::Progress(_))
     }
 
@@ -53,6 +64,8 @@ impl EventBody {
             EventBody::Started => "started",
             EventBody::Progress(_) => "progress",
             EventBody::Incumbent(_) => "incumbent",
+            EventBody::Retrying(_) => "retrying",
+            EventBody::Snapshot(_) => "snapshot",
             EventBody::Terminal(_) => "terminal",
         }
     }
@@ -80,6 +93,45 @@ pub struct Incumbent {
     pub metrics: Metrics,
     /// The plan as its JSON document, written once and shared by all readers.
     pub document: Arc<str>,
+}
+
+/// Why an attempt is over without an end.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum RetryCause {
+    /// The process that ran it is gone.
+    WorkerLost,
+    /// The process that ran it was told to end, and gave the job back.
+    Shutdown,
+}
+
+impl RetryCause {
+    /// The name on the wire.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            RetryCause::WorkerLost => "worker_lost",
+            RetryCause::Shutdown => "shutdown",
+        }
+    }
+}
+
+/// An attempt is over without an end.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Retrying {
+    /// The attempt that comes next. Whoever held an earlier one is fenced off.
+    pub attempt: u32,
+    /// Why.
+    pub cause: RetryCause,
+    /// What the attempt that is over used of the time budget.
+    pub spent: Duration,
+}
+
+/// What a reader must know of events that are gone.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Snapshot {
+    /// The job's state.
+    pub state: JobState,
+    /// Figures of its best plan.
+    pub metrics: Option<Metrics>,
 }
 
 /// The end of a job.

@@ -15,6 +15,16 @@ pub struct JobId(Uuid);
 pub struct BadJobId;
 
 impl JobId {
+    /// The id as a number that sorts as the id does.
+    pub fn as_u128(self) -> u128 {
+        self.0.as_u128()
+    }
+
+    /// The id that [`JobId::as_u128`] has given as `number`.
+    pub fn from_u128(number: u128) -> Self {
+        Self(Uuid::from_u128(number))
+    }
+
     /// A fresh id, greater than every id made before in this process.
     pub fn fresh() -> Self {
         Self(Uuid::now_v7())

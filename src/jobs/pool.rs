@@ -1,59 +1,69 @@
-//! The queue and the planner threads.
+//! The job layer's face: takes requests in, tells what happens, starts and stops the threads.
 
-use std::collections::{BTreeMap, VecDeque};
-use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::collections::BTreeMap;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use crate::plan::Plan;
-use crate::planner::{Outcome, PlannerEvent, Termination};
 use crate::problem::Problem;
-use crate::run::{CancelToken, Control, Deadline};
 
 use super::live::Live;
+use super::queue::{Queue, Ready};
 use super::{
-    Event, EventBody, Incumbent, JobId, JobRecord, JobStore, NewJob, Planner, Progress, StoreError,
-    Subscription, Terminal, TerminationReason, Timestamp,
+    Event, EventBody, JobId, JobRecord, JobRequest, JobStore, Lease, NewJob, Observer, Occurrence, Planner,
+    ProblemReader, QueueRefusal, RetryCause, Retrying, StoreError, Subscription, Terminal, TerminationReason,
+    Timestamp,
 };
 
-/// Least time between two signs of life of one job.
-const PROGRESS_INTERVAL: Duration = Duration::from_secs(1);
 /// How often [`Jobs::stop`] looks whether the threads have ended.
 const STOP_POLL: Duration = Duration::from_millis(5);
+/// How many events are looked at at once.
+const BATCH: usize = 64;
 
-/// Sizes of the pool.
+/// Settings of the pool and its queue.
 #[derive(Debug, Clone, Copy)]
 pub struct JobsConfig {
     /// Planner threads; at least 1.
     pub workers: usize,
     /// Most jobs that wait for a thread.
     pub queue_limit: usize,
+    /// Most jobs of one client that wait or run.
+    pub client_limit: usize,
+    /// How much earlier than it came a job counts as having come, for each step of priority.
+    pub aging: Duration,
+    /// How long a lease holds without a sign of life.
+    pub lease: Duration,
+    /// How many attempts may be lost with their processes before the job fails.
+    pub attempts: u32,
+}
+
+impl Default for JobsConfig {
+    /// One planner thread less than there are processors, but at least one.
+    fn default() -> Self {
+        let processors = std::thread::available_parallelism().map_or(1, usize::from);
+        Self {
+            workers: processors.saturating_sub(1).max(1),
+            queue_limit: 64,
+            client_limit: usize::MAX,
+            aging: Duration::from_secs(30),
+            lease: Duration::from_secs(15),
+            attempts: 3,
+        }
+    }
 }
 
 /// A job to be run.
 #[derive(Debug)]
 pub struct Submission {
-    /// What to plan.
+    /// What the client asked for.
+    pub request: JobRequest,
+    /// The problem in it, read.
     pub problem: Problem,
+    /// The plan to begin from in it, read and judged.
+    pub warm_start: Option<Plan>,
     /// What the client's wait has used of the time budget already: the time of validation.
     pub spent: Duration,
-}
-
-/// The queue does not take a job now.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
-pub enum QueueRefusal {
-    /// As many jobs wait as may.
-    #[error("{limit} jobs are waiting already; try again in {retry_after_s} s")]
-    Full {
-        /// How many may wait.
-        limit: usize,
-        /// When a place may be free (s).
-        retry_after_s: u64,
-    },
-    /// The service is about to end.
-    #[error("the service is shutting down")]
-    Stopping,
 }
 
 /// What a call for cancellation found.
@@ -78,6 +88,19 @@ pub struct Load {
     pub waiting: usize,
 }
 
+/// What the job layer works with.
+#[derive(Clone)]
+pub struct Parts {
+    /// Where jobs are kept.
+    pub store: Arc<dyn JobStore>,
+    /// What runs them.
+    pub planner: Arc<dyn Planner>,
+    /// What reads them again after a restart.
+    pub reader: Arc<dyn ProblemReader>,
+    /// Who counts.
+    pub observer: Arc<dyn Observer>,
+}
+
 /// The job layer: takes problems in, runs them on planner threads, and tells what happens.
 ///
 /// Cheap to share behind an `Arc`. Dropping it stops the threads.
@@ -86,118 +109,102 @@ pub struct Jobs {
     threads: Mutex<Vec<JoinHandle<()>>>,
 }
 
-struct Shared {
-    config: JobsConfig,
-    store: Arc<dyn JobStore>,
-    planner: Arc<dyn Planner>,
+pub(super) struct Shared {
+    pub config: JobsConfig,
+    pub parts: Parts,
     queue: Mutex<Queue>,
-    changed: Condvar,
+    /// A job has come, or the end.
+    pub changed: Condvar,
+    /// As `changed`, for the keeper.
+    pub kept: Condvar,
     live: Mutex<BTreeMap<JobId, Arc<Live>>>,
-}
-
-#[derive(Default)]
-struct Queue {
-    waiting: VecDeque<Waiting>,
-    running: BTreeMap<JobId, Control>,
-    /// Places promised to jobs that are being validated.
-    reserved: usize,
-    stopping: bool,
-}
-
-struct Waiting {
-    job: JobId,
-    submission: Submission,
 }
 
 /// A promise of a place in the queue; given back when dropped.
 pub struct Ticket {
     shared: Arc<Shared>,
+    client: String,
 }
 
 impl Drop for Ticket {
     fn drop(&mut self) {
-        self.shared.queue().reserved -= 1;
+        self.shared.queue().release(&self.client);
     }
 }
 
 impl Jobs {
-    /// Starts the planner threads.
+    /// Takes up what an earlier process has left, and starts the planner threads.
     ///
     /// # Errors
-    /// When the system gives no thread.
-    pub fn start(
-        config: JobsConfig,
-        store: Arc<dyn JobStore>,
-        planner: Arc<dyn Planner>,
-    ) -> std::io::Result<Self> {
+    /// When the system gives no thread, or the store fails.
+    pub fn start(config: JobsConfig, parts: Parts) -> std::io::Result<Self> {
         let config = JobsConfig { workers: config.workers.max(1), ..config };
         let shared = Arc::new(Shared {
             config,
-            store,
-            planner,
+            parts,
             queue: Mutex::default(),
             changed: Condvar::new(),
+            kept: Condvar::new(),
             live: Mutex::default(),
         });
+        shared.take_up().map_err(std::io::Error::other)?;
         let jobs = Self { shared: Arc::clone(&shared), threads: Mutex::default() };
         for number in 0..config.workers {
-            let shared = Arc::clone(&shared);
-            let thread = std::thread::Builder::new()
-                .name(format!("planner-{number}"))
-                // Searches recurse over steps and objects; the default of 2 MiB is meagre.
-                .stack_size(16 << 20)
-                .spawn(move || shared.work())?;
-            jobs.threads.lock().unwrap_or_else(PoisonError::into_inner).push(thread);
+            // Searches recurse over steps and objects; the default of 2 MiB is meagre.
+            jobs.spawn(format!("planner-{number}"), 16 << 20, Shared::work)?;
         }
+        jobs.spawn("job-keeper".to_owned(), 2 << 20, Shared::keep)?;
         Ok(jobs)
     }
 
-    /// Reserves a place, before the work of validating a problem is begun.
+    fn spawn(&self, name: String, stack: usize, work: fn(&Shared)) -> std::io::Result<()> {
+        let shared = Arc::clone(&self.shared);
+        let builder = std::thread::Builder::new().name(name).stack_size(stack);
+        let thread = builder.spawn(move || work(&shared))?;
+        self.threads.lock().unwrap_or_else(PoisonError::into_inner).push(thread);
+        Ok(())
+    }
+
+    /// Reserves a place for a job of `client`, before the work of validating a problem is begun.
     ///
     /// # Errors
     /// When there is none.
-    pub fn reserve(&self) -> Result<Ticket, QueueRefusal> {
-        let config = self.shared.config;
-        let mut queue = self.shared.queue();
-        if queue.stopping {
-            return Err(QueueRefusal::Stopping);
-        }
-        let taken = queue.running.len() + queue.waiting.len() + queue.reserved;
-        if taken >= config.workers + config.queue_limit {
-            return Err(QueueRefusal::Full {
-                limit: config.queue_limit,
-                retry_after_s: queue.retry_after_s(),
-            });
-        }
-        queue.reserved += 1;
-        Ok(Ticket { shared: Arc::clone(&self.shared) })
+    pub fn reserve(&self, client: &str) -> Result<Ticket, QueueRefusal> {
+        self.shared.queue().reserve(client, &self.shared.config)?;
+        Ok(Ticket { shared: Arc::clone(&self.shared), client: client.to_owned() })
     }
 
     /// Accepts a job on a reserved place. When this returns, the job and its `queued` event are in
     /// the store.
     ///
     /// # Errors
-    /// When the store fails.
+    /// When the store fails, or another job has the idempotency key.
     pub fn submit(&self, ticket: Ticket, submission: Submission) -> Result<JobRecord, StoreError> {
         let shared = &self.shared;
+        let Submission { request, problem, warm_start, spent } = submission;
         let job = JobId::fresh();
         shared.live().insert(job, Arc::default());
-        // The queue stays locked until the job is in it, so that `queued` precedes `started`.
+        // The queue stays locked until the job is in it, so that nobody finds the job in the store
+        // and not in the queue.
         let mut queue = shared.queue();
-        let position = queue.waiting.len() + 1;
-        let kept = shared
-            .store
-            .create(NewJob { id: job, created_at: Timestamp::now() })
-            .and_then(|()| shared.store.append(job, Timestamp::now(), EventBody::Queued { position }))
-            .and_then(|_| shared.store.record(job));
-        if kept.is_ok() {
-            queue.waiting.push_back(Waiting { job, submission });
-        } else {
-            shared.live().remove(&job);
+        let position = queue.waiting() + 1;
+        let new = NewJob { id: job, created_at: Timestamp::now(), position, request };
+        let kept = shared.parts.store.create(new);
+        match &kept {
+            Ok(record) => {
+                queue.push(record, Some(Box::new(Ready { problem, warm_start, spent })), shared.config.aging);
+            }
+            Err(_) => {
+                shared.live().remove(&job);
+            }
         }
         drop(queue);
         drop(ticket);
+        if kept.is_ok() {
+            shared.parts.observer.observe(Occurrence::Accepted);
+        }
         shared.changed.notify_one();
+        shared.kept.notify_one();
         kept
     }
 
@@ -207,18 +214,17 @@ impl Jobs {
     /// When there is no such job.
     pub fn record(&self, job: JobId) -> Result<(JobRecord, Option<usize>), StoreError> {
         let place = self.queue_position(job);
-        Ok((self.shared.store.record(job)?, place))
+        Ok((self.shared.parts.store.record(job)?, place))
     }
 
     /// The job's place in the queue while it waits; 1 is next.
     pub fn queue_position(&self, job: JobId) -> Option<usize> {
-        let place = self.shared.queue().waiting.iter().position(|waiting| waiting.job == job);
-        place.map(|index| index + 1)
+        self.shared.queue().position(job)
     }
 
-    /// The store, for what is only read.
+    /// The store, for what is only read, and for deleting.
     pub fn store(&self) -> &dyn JobStore {
-        &*self.shared.store
+        &*self.shared.parts.store
     }
 
     /// Follows a job's events, from the one after number `after` on.
@@ -228,8 +234,29 @@ impl Jobs {
     pub fn subscribe(&self, job: JobId, after: u64) -> Result<Subscription, StoreError> {
         // A job that is not in `live` has ended: all its events are in the store.
         let live = self.shared.live().get(&job).cloned().unwrap_or_default();
-        let replay_until = self.shared.store.record(job)?.last_seq;
-        Ok(Subscription::new(job, Arc::clone(&self.shared.store), live, after, replay_until))
+        let replay_until = self.shared.parts.store.record(job)?.last_seq;
+        Ok(Subscription::new(job, Arc::clone(&self.shared.parts.store), live, after, replay_until))
+    }
+
+    /// Up to `limit` `incumbent` events of a job whose revisions are `from` or above, in order.
+    ///
+    /// # Errors
+    /// When there is no such job.
+    pub fn incumbents(&self, job: JobId, from: u64, limit: usize) -> Result<Vec<Arc<Event>>, StoreError> {
+        let store = &self.shared.parts.store;
+        // Before the first incumbent stand two events at least: the revision is a bound on the number.
+        let mut after = from.max(1).max(store.record(job)?.trimmed);
+        let mut found = Vec::new();
+        while found.len() < limit {
+            let events = store.events_after(job, after, BATCH)?;
+            let Some(last) = events.last() else { break };
+            after = last.seq;
+            found.extend(events.into_iter().filter(
+                |event| matches!(&event.body, EventBody::Incumbent(incumbent) if incumbent.revision >= from),
+            ));
+        }
+        found.truncate(limit);
+        Ok(found)
     }
 
     /// Cancels a job. One that waits ends at once; one that runs ends, with its best plan kept, as
@@ -240,48 +267,50 @@ impl Jobs {
     pub fn cancel(&self, job: JobId) -> Result<Cancelled, StoreError> {
         let shared = &self.shared;
         let mut queue = shared.queue();
-        if let Some(control) = queue.running.get(&job) {
-            control.cancel.cancel();
+        if let Some(running) = queue.running.get_mut(&job) {
+            running.cancelled = true;
+            running.control.cancel.cancel();
             return Ok(Cancelled::Running);
         }
-        let Some(index) = queue.waiting.iter().position(|waiting| waiting.job == job) else {
-            drop(queue);
-            return shared.store.record(job).map(|_| Cancelled::Ended);
-        };
-        queue.waiting.remove(index);
+        let waited = queue.remove(job).is_some();
         drop(queue);
-        shared.end(job, TerminationReason::ClientCancel, Some("cancelled before it started".to_owned()));
+        if !waited {
+            return shared.parts.store.record(job).map(|_| Cancelled::Ended);
+        }
+        let diagnosis = "cancelled before it started".to_owned();
+        shared.end(job, None, TerminationReason::ClientCancel, Some(diagnosis));
         Ok(Cancelled::Waiting)
     }
 
     /// How busy the pool is.
     pub fn load(&self) -> Load {
         let queue = self.shared.queue();
-        Load {
-            workers: self.shared.config.workers,
-            running: queue.running.len(),
-            waiting: queue.waiting.len(),
-        }
+        Load { workers: self.shared.config.workers, running: queue.running.len(), waiting: queue.waiting() }
     }
 
     /// Takes in nothing more and stops the running jobs where they are, without a terminal event:
-    /// they have not ended, the process does. Waits up to `patience` for the threads, and returns
-    /// whether all have ended.
+    /// they have not ended, the process does. What has run goes back to the queue, for the next
+    /// process. Waits up to `patience` for the threads, and returns whether all have ended; the
+    /// jobs of those that have not are taken from them.
     pub fn stop(&self, patience: Duration) -> bool {
         let mut queue = self.shared.queue();
         queue.stopping = true;
-        queue.running.values().for_each(|control| control.cancel.cancel());
+        queue.running.values().for_each(|running| running.control.cancel.cancel());
         drop(queue);
         self.shared.changed.notify_all();
+        self.shared.kept.notify_all();
         let mut threads = std::mem::take(&mut *self.threads.lock().unwrap_or_else(PoisonError::into_inner));
         let began = Instant::now();
-        loop {
-            threads.retain(|thread| !thread.is_finished());
-            if threads.is_empty() || began.elapsed() >= patience {
-                return threads.is_empty();
-            }
+        while !threads.is_empty() && began.elapsed() < patience {
             std::thread::sleep(STOP_POLL);
+            threads.retain(|thread| !thread.is_finished());
         }
+        threads.retain(|thread| !thread.is_finished());
+        let late = std::mem::take(&mut self.shared.queue().running);
+        for (job, running) in late {
+            self.shared.give_back(job, running.since);
+        }
+        threads.is_empty()
     }
 }
 
@@ -291,98 +320,88 @@ impl Drop for Jobs {
     }
 }
 
-impl Queue {
-    /// When a running job's budget ends, at the latest.
-    fn retry_after_s(&self) -> u64 {
-        let soonest = self.running.values().filter_map(|control| control.deadline.remaining()).min();
-        soonest.map_or(1, |left| left.as_secs() + 1).clamp(1, 60)
-    }
-}
-
 impl Shared {
-    fn queue(&self) -> MutexGuard<'_, Queue> {
+    pub fn queue(&self) -> MutexGuard<'_, Queue> {
         // No planner code runs under this lock, and nothing below panics halfway through a change.
         self.queue.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    fn live(&self) -> MutexGuard<'_, BTreeMap<JobId, Arc<Live>>> {
+    pub fn live(&self) -> MutexGuard<'_, BTreeMap<JobId, Arc<Live>>> {
         self.live.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    fn work(&self) {
-        while let Some((waiting, control)) = self.next() {
-            let ended = self.run(&waiting, &control);
-            // The thread is free before anyone reads that the job has ended.
-            self.queue().running.remove(&waiting.job);
-            if let Some((reason, diagnosis)) = ended {
-                self.end(waiting.job, reason, diagnosis);
-            }
-        }
-    }
-
-    /// Waits for a job; `None` when the service stops.
-    fn next(&self) -> Option<(Waiting, Control)> {
+    /// Puts what waits in the store, and what was lost with another process, into the queue.
+    fn take_up(&self) -> Result<(), StoreError> {
+        self.retry_lost()?;
         let mut queue = self.queue();
-        loop {
-            if queue.stopping {
-                return None;
-            }
-            if let Some(waiting) = queue.waiting.pop_front() {
-                let budget = waiting.submission.problem.options.time_budget_s;
-                // A budget beyond what a Duration holds never ends.
-                let budget = Duration::try_from_secs_f64(budget).unwrap_or(Duration::MAX);
-                let deadline = Deadline::resumed(waiting.submission.spent, budget);
-                let control = Control { deadline, cancel: CancelToken::new() };
-                queue.running.insert(waiting.job, control.clone());
-                return Some((waiting, control));
-            }
-            queue = self.changed.wait(queue).unwrap_or_else(PoisonError::into_inner);
+        for record in self.parts.store.waiting()? {
+            self.live().insert(record.id, Arc::default());
+            queue.push(&record, None, self.config.aging);
         }
+        Ok(())
     }
 
-    /// Plans. Returns why the job has ended; `None` when it has not, but the service stops.
-    fn run(&self, waiting: &Waiting, control: &Control) -> Option<(TerminationReason, Option<String>)> {
-        let job = waiting.job;
-        self.publish(job, EventBody::Started)?;
-        let problem = &waiting.submission.problem;
-        let mut reporter = Reporter { shared: self, job, problem, last_progress: None, published: 0 };
-        let planned = catch_unwind(AssertUnwindSafe(|| {
-            self.planner.plan(problem, control, &mut |event| reporter.report(event))
-        }));
-        match planned {
-            Ok(outcome) => {
-                if let Some(best) = outcome.best.as_ref().filter(|best| best.revision > reporter.published) {
-                    reporter.publish_plan(best);
-                }
-                if self.queue().stopping && outcome.termination == Termination::Cancelled {
-                    return None;
-                }
-                Some(ending(&outcome, reporter.published > 0))
+    /// Starts the next attempt at jobs whose holders are gone, or ends those that were lost too
+    /// often. Gives the records of the former.
+    pub fn retry_lost(&self) -> Result<Vec<JobRecord>, StoreError> {
+        let mut back = Vec::new();
+        for (record, alive) in self.parts.store.abandoned(Timestamp::now())? {
+            let job = record.id;
+            if record.lost + 1 >= self.config.attempts {
+                let diagnosis = format!(
+                    "{} attempts were lost with the processes that ran them; the job may be what ends them",
+                    record.lost + 1
+                );
+                self.end(job, None, TerminationReason::WorkerLost, Some(diagnosis));
+                continue;
             }
-            Err(panic) => {
-                let message = panic
-                    .downcast_ref::<&str>()
-                    .map(|text| (*text).to_owned())
-                    .or_else(|| panic.downcast_ref::<String>().cloned())
-                    .unwrap_or_default();
-                tracing::error!(%job, cause = message, "the planner panicked");
-                let diagnosis = "the planner failed on this problem; this is a fault of the service";
-                Some((TerminationReason::Internal, Some(diagnosis.to_owned())))
+            let spent = record.started_at.map_or(Duration::ZERO, |started| alive.since(started));
+            let retrying = Retrying { attempt: record.attempt + 1, cause: RetryCause::WorkerLost, spent };
+            if self.publish(job, None, EventBody::Retrying(retrying)).is_some() {
+                tracing::warn!(%job, attempt = retrying.attempt, "the job's worker was lost; it is tried again");
+                self.parts.observer.observe(Occurrence::Retried(RetryCause::WorkerLost));
+                back.push(self.parts.store.record(job)?);
             }
+        }
+        Ok(back)
+    }
+
+    /// Gives a running job back because the process ends.
+    pub fn give_back(&self, job: JobId, since: Timestamp) {
+        let Ok(record) = self.parts.store.record(job) else { return };
+        let spent = Timestamp::now().since(since);
+        let retrying = Retrying { attempt: record.attempt + 1, cause: RetryCause::Shutdown, spent };
+        if record.admits(&EventBody::Retrying(retrying))
+            && self.publish(job, None, EventBody::Retrying(retrying)).is_some()
+        {
+            tracing::info!(%job, attempt = retrying.attempt, "the job goes on at the next start");
+            self.parts.observer.observe(Occurrence::Retried(RetryCause::Shutdown));
         }
     }
 
     /// Ends a job, wakes its readers for the last time and lets go of them.
-    fn end(&self, job: JobId, reason: TerminationReason, diagnosis: Option<String>) {
-        let metrics = self.store.record(job).ok().and_then(|record| record.best).map(|best| best.metrics);
-        self.publish(job, EventBody::Terminal(Terminal { reason, metrics, diagnosis }));
+    pub fn end(
+        &self,
+        job: JobId,
+        lease: Option<Lease>,
+        reason: TerminationReason,
+        diagnosis: Option<String>,
+    ) {
+        let record = self.parts.store.record(job).ok();
+        let created = record.as_ref().map(|record| record.created_at);
+        let metrics = record.and_then(|record| record.best).map(|best| best.metrics);
+        let ended = self.publish(job, lease, EventBody::Terminal(Terminal { reason, metrics, diagnosis }));
         self.live().remove(&job);
-        tracing::info!(%job, reason = reason.as_str(), "job ended");
+        if let Some(event) = ended {
+            let after = created.map_or(Duration::ZERO, |created| event.at.since(created));
+            self.parts.observer.observe(Occurrence::Ended { reason, after });
+            tracing::info!(%job, reason = reason.as_str(), "job ended");
+        }
     }
 
     /// Appends a durable event and wakes the job's readers. `None` when the store refuses.
-    fn publish(&self, job: JobId, body: EventBody) -> Option<Arc<Event>> {
-        match self.store.append(job, Timestamp::now(), body) {
+    pub fn publish(&self, job: JobId, lease: Option<Lease>, body: EventBody) -> Option<Arc<Event>> {
+        match self.parts.store.append(job, lease, Timestamp::now(), body) {
             Ok(event) => {
                 let live = self.live().get(&job).cloned();
                 if let Some(live) = live {
@@ -392,73 +411,11 @@ impl Shared {
             }
             Err(error) => {
                 tracing::error!(%job, %error, "the store refused an event");
+                if matches!(error, StoreError::Broken(_)) {
+                    self.parts.observer.observe(Occurrence::StoreFailed);
+                }
                 None
             }
-        }
-    }
-}
-
-/// The reason on the wire for how the planner ended, and the diagnosis when there is no plan.
-fn ending(outcome: &Outcome, has_plan: bool) -> (TerminationReason, Option<String>) {
-    use TerminationReason as R;
-    let reason = match (outcome.termination, has_plan) {
-        (Termination::Cancelled, _) => R::ClientCancel,
-        (Termination::Optimal, true) => R::Optimal,
-        (Termination::TargetReached, true) => R::TargetReached,
-        (Termination::FirstSolution, true) => R::FirstSolution,
-        (Termination::NoImprovement, true) => R::NoImprovement,
-        (Termination::TimeLimit | Termination::NoSolutionFound | Termination::Infeasible, true) => {
-            R::TimeLimit
-        }
-        (Termination::Infeasible, false) => R::Infeasible,
-        (_, false) => R::NoSolutionFound,
-    };
-    (reason, if has_plan { None } else { outcome.diagnosis.clone() })
-}
-
-/// Turns what the planner reports into events of its job.
-struct Reporter<'a> {
-    shared: &'a Shared,
-    job: JobId,
-    problem: &'a Problem,
-    last_progress: Option<Instant>,
-    /// Revision of the newest published plan.
-    published: u64,
-}
-
-impl Reporter<'_> {
-    fn report(&mut self, event: PlannerEvent<'_>) {
-        match event {
-            PlannerEvent::Incumbent(plan) => self.publish_plan(plan),
-            PlannerEvent::Progress { elapsed_s, phase, iterations, steps_lower_bound } => {
-                let now = Instant::now();
-                if self.last_progress.is_some_and(|last| now - last < PROGRESS_INTERVAL) {
-                    return;
-                }
-                self.last_progress = Some(now);
-                self.publish_progress(Progress { elapsed_s, phase, iterations, steps_lower_bound });
-            }
-        }
-    }
-
-    fn publish_progress(&self, progress: Progress) {
-        let Ok(record) = self.shared.store.record(self.job) else { return };
-        let Some(live) = self.shared.live().get(&self.job).cloned() else { return };
-        live.set_progress(Arc::new(Event {
-            seq: record.last_seq,
-            job: self.job,
-            attempt: record.attempt,
-            at: Timestamp::now(),
-            body: EventBody::Progress(progress),
-        }));
-    }
-
-    fn publish_plan(&mut self, plan: &Plan) {
-        let document = crate::wire::plan::to_json(self.problem, plan);
-        let incumbent =
-            Incumbent { revision: plan.revision, metrics: plan.metrics.clone(), document: document.into() };
-        if self.shared.publish(self.job, EventBody::Incumbent(incumbent)).is_some() {
-            self.published = plan.revision;
         }
     }
 }

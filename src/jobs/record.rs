@@ -1,11 +1,14 @@
 //! What a job is at one moment: the fold of its durable events.
 
+use std::collections::BTreeMap;
+use std::time::Duration;
+
 use crate::plan::Metrics;
 
-use super::{Event, EventBody, JobId, JobState, TerminationReason, Timestamp};
+use super::{Event, EventBody, JobId, JobState, NewJob, RetryCause, TerminationReason, Timestamp};
 
 /// A job at one moment.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct JobRecord {
     /// Its id.
     pub id: JobId,
@@ -13,13 +16,25 @@ pub struct JobRecord {
     pub state: JobState,
     /// Why it ended, once it has.
     pub termination_reason: Option<TerminationReason>,
-    /// Which attempt it is at, from 1.
+    /// What its client has written on it.
+    pub labels: BTreeMap<String, String>,
+    /// How urgent it is; higher goes first.
+    pub priority: i32,
+    /// Who sent it, as far as the service tells clients apart.
+    pub client: String,
+    /// How long it may wait before it starts.
+    pub queue_ttl: Option<Duration>,
+    /// Which attempt it is at, from 1: the token that fences off whoever held an earlier one.
     pub attempt: u32,
+    /// How many attempts were lost with the process that ran them.
+    pub lost: u32,
+    /// What earlier attempts have used of the time budget.
+    pub spent: Duration,
     /// When it was accepted.
     pub created_at: Timestamp,
     /// When it entered the queue.
     pub queued_at: Option<Timestamp>,
-    /// When a planner thread took it.
+    /// When a planner thread took it last.
     pub started_at: Option<Timestamp>,
     /// When it ended.
     pub finished_at: Option<Timestamp>,
@@ -29,6 +44,8 @@ pub struct JobRecord {
     pub diagnosis: Option<String>,
     /// Number of its last durable event; 0 before the first.
     pub last_seq: u64,
+    /// Events up to this number are kept no longer.
+    pub trimmed: u64,
 }
 
 /// The best plan of a job so far.
@@ -42,20 +59,34 @@ pub struct Best {
 
 impl JobRecord {
     /// A job to which nothing has happened yet.
-    pub fn new(id: JobId, created_at: Timestamp) -> Self {
+    pub fn new(job: &NewJob) -> Self {
         Self {
-            id,
+            id: job.id,
             state: JobState::Queued,
             termination_reason: None,
+            labels: job.request.labels.clone(),
+            priority: job.request.priority,
+            client: job.request.client.clone(),
+            queue_ttl: job.request.queue_ttl,
             attempt: 1,
-            created_at,
+            lost: 0,
+            spent: Duration::ZERO,
+            created_at: job.created_at,
             queued_at: None,
             started_at: None,
             finished_at: None,
             best: None,
             diagnosis: None,
             last_seq: 0,
+            trimmed: 0,
         }
+    }
+
+    /// When it ends if it has not started by then.
+    pub fn expires_at(&self) -> Option<Timestamp> {
+        // Once it has started, it is not thrown out of the queue any more.
+        let waits = self.state == JobState::Queued && self.started_at.is_none();
+        self.queue_ttl.filter(|_| waits).map(|ttl| self.created_at.plus(ttl))
     }
 
     /// Whether an event of this kind may follow on what has happened so far.
@@ -63,12 +94,19 @@ impl JobRecord {
         match body {
             EventBody::Queued { .. } => self.state == JobState::Queued && self.queued_at.is_none(),
             EventBody::Started => self.state == JobState::Queued && self.queued_at.is_some(),
-            EventBody::Progress(_) => false,
+            EventBody::Progress(_) | EventBody::Snapshot(_) => false,
             EventBody::Incumbent(incumbent) => {
                 let last = self.best.as_ref().map_or(0, |best| best.revision);
                 self.state == JobState::Running && incumbent.revision > last
             }
-            EventBody::Terminal(_) => !self.state.is_terminal(),
+            EventBody::Retrying(retrying) => {
+                self.state == JobState::Running && retrying.attempt == self.attempt + 1
+            }
+            EventBody::Terminal(terminal) => {
+                let timely = terminal.reason != TerminationReason::QueueTimeout
+                    || (self.state == JobState::Queued && self.started_at.is_none());
+                !self.state.is_terminal() && timely
+            }
         }
     }
 
@@ -82,9 +120,15 @@ impl JobRecord {
                 self.state = JobState::Running;
                 self.started_at = Some(event.at);
             }
-            EventBody::Progress(_) => {}
+            EventBody::Progress(_) | EventBody::Snapshot(_) => {}
             EventBody::Incumbent(incumbent) => {
                 self.best = Some(Best { revision: incumbent.revision, metrics: incumbent.metrics.clone() });
+            }
+            EventBody::Retrying(retrying) => {
+                self.state = JobState::Queued;
+                self.attempt = retrying.attempt;
+                self.spent += retrying.spent;
+                self.lost += u32::from(retrying.cause == RetryCause::WorkerLost);
             }
             EventBody::Terminal(terminal) => {
                 self.state = terminal.reason.state();

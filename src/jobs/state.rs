@@ -1,7 +1,7 @@
 //! The states of a job, and why it ended (FORMAT "Job").
 
-/// Where a job is in its life: `QUEUED -> RUNNING ->` one of the other four, or from `QUEUED`
-/// straight to `CANCELLED`.
+/// Where a job is in its life: `QUEUED -> RUNNING ->` an end, from `QUEUED` straight to `CANCELLED` or
+/// `EXPIRED`, and from `RUNNING` back to `QUEUED` when an attempt is lost.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum JobState {
     /// It waits for a planner thread.
@@ -14,12 +14,25 @@ pub enum JobState {
     Failed,
     /// Someone cancelled it; its best plan is kept.
     Cancelled,
+    /// It waited longer than it was allowed to.
+    Expired,
 }
 
 impl JobState {
     /// Every state.
-    pub const ALL: [JobState; 5] =
-        [JobState::Queued, JobState::Running, JobState::Succeeded, JobState::Failed, JobState::Cancelled];
+    pub const ALL: [JobState; 6] = [
+        JobState::Queued,
+        JobState::Running,
+        JobState::Succeeded,
+        JobState::Failed,
+        JobState::Cancelled,
+        JobState::Expired,
+    ];
+
+    /// The state of that name.
+    pub fn of_name(name: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|state| state.as_str() == name)
+    }
 
     /// The name on the wire.
     pub fn as_str(self) -> &'static str {
@@ -29,6 +42,7 @@ impl JobState {
             JobState::Succeeded => "SUCCEEDED",
             JobState::Failed => "FAILED",
             JobState::Cancelled => "CANCELLED",
+            JobState::Expired => "EXPIRED",
         }
     }
 
@@ -57,11 +71,35 @@ pub enum TerminationReason {
     NoSolutionFound,
     /// A fault of ours.
     Internal,
+    /// The processes that ran it were lost time and again.
+    WorkerLost,
     /// A client cancelled it.
     ClientCancel,
+    /// `queue_ttl_s` passed before it started.
+    QueueTimeout,
 }
 
 impl TerminationReason {
+    /// Every reason.
+    pub const ALL: [TerminationReason; 11] = [
+        TerminationReason::TimeLimit,
+        TerminationReason::Optimal,
+        TerminationReason::TargetReached,
+        TerminationReason::FirstSolution,
+        TerminationReason::NoImprovement,
+        TerminationReason::Infeasible,
+        TerminationReason::NoSolutionFound,
+        TerminationReason::Internal,
+        TerminationReason::WorkerLost,
+        TerminationReason::ClientCancel,
+        TerminationReason::QueueTimeout,
+    ];
+
+    /// The reason of that name.
+    pub fn of_name(name: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|reason| reason.as_str() == name)
+    }
+
     /// The state that a job with this reason is in.
     pub fn state(self) -> JobState {
         use TerminationReason as R;
@@ -69,8 +107,9 @@ impl TerminationReason {
             R::TimeLimit | R::Optimal | R::TargetReached | R::FirstSolution | R::NoImprovement => {
                 JobState::Succeeded
             }
-            R::Infeasible | R::NoSolutionFound | R::Internal => JobState::Failed,
+            R::Infeasible | R::NoSolutionFound | R::Internal | R::WorkerLost => JobState::Failed,
             R::ClientCancel => JobState::Cancelled,
+            R::QueueTimeout => JobState::Expired,
         }
     }
 
@@ -86,7 +125,9 @@ impl TerminationReason {
             R::Infeasible => "INFEASIBLE",
             R::NoSolutionFound => "NO_SOLUTION_FOUND",
             R::Internal => "INTERNAL",
+            R::WorkerLost => "WORKER_LOST",
             R::ClientCancel => "CLIENT_CANCEL",
+            R::QueueTimeout => "QUEUE_TIMEOUT",
         }
     }
 }

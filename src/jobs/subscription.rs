@@ -8,7 +8,7 @@ use std::task::{Context, Poll};
 use futures::Stream;
 
 use super::live::Live;
-use super::{Event, EventBody, JobId, JobStore};
+use super::{Event, EventBody, JobId, JobStore, Snapshot, Timestamp};
 
 /// How many events are fetched at once.
 const BATCH: usize = 256;
@@ -25,7 +25,7 @@ pub struct Delivery {
 }
 
 /// One reader's view of a job: every durable event in order, each once, and signs of life between
-/// them. Ends after the terminal event. Events that were there when the reader came are replayed
+/// them. Ends after the terminal event. A [`Snapshot`] comes first in place of what is kept no longer. Events that were there when the reader came are replayed
 /// without gaps; of later incumbents a slow reader gets the newest.
 ///
 /// Dropping it does nothing to the job.
@@ -72,9 +72,23 @@ impl Subscription {
             self.ended = true;
             return;
         };
-        let Some(newest) = events.last() else { return };
+        let (Some(oldest), Some(newest)) = (events.first(), events.last()) else { return };
+        let gap = (oldest.seq > self.last + 1).then(|| self.snapshot(oldest.seq - 1)).flatten();
         self.last = newest.seq;
         self.ready = conflate(events, self.replay_until);
+        if let Some(event) = gap {
+            self.ready.push_front(Delivery { event, skipped: 0 });
+        }
+    }
+}
+
+impl Subscription {
+    /// Stands in for events up to number `seq`, which are kept no longer.
+    fn snapshot(&self, seq: u64) -> Option<Arc<Event>> {
+        let record = self.store.record(self.job).ok()?;
+        let metrics = record.best.map(|best| best.metrics);
+        let body = EventBody::Snapshot(Snapshot { state: record.state, metrics });
+        Some(Arc::new(Event { seq, job: self.job, attempt: record.attempt, at: Timestamp::now(), body }))
     }
 }
 

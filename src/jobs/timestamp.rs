@@ -1,7 +1,7 @@
 //! Instants of the calendar, for people and for logs.
 
 use std::fmt;
-use std::time::{SystemTime, UNIX_EPOCH};
+use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 /// Milliseconds since 1970-01-01T00:00:00Z, leap seconds left out. Displays as RFC 3339 in UTC.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -17,6 +17,16 @@ impl Timestamp {
     /// `milliseconds` after 1970-01-01T00:00:00Z.
     pub fn from_unix_millis(milliseconds: u64) -> Self {
         Self(milliseconds)
+    }
+
+    /// The instant `span` later.
+    pub fn plus(self, span: Duration) -> Self {
+        Self(self.0.saturating_add(u64::try_from(span.as_millis()).unwrap_or(u64::MAX)))
+    }
+
+    /// The time from `earlier` to this instant; zero when that is not earlier.
+    pub fn since(self, earlier: Self) -> Duration {
+        Duration::from_millis(self.0.saturating_sub(earlier.0))
     }
 
     /// Milliseconds since 1970-01-01T00:00:00Z.

@@ -22,6 +22,18 @@ const DISCARDED: usize = 128 << 20;
 /// When it says that it is something else, is larger, too slow, or breaks off.
 pub async fn read_json(headers: &HeaderMap, body: Body, limit: usize) -> Result<Bytes, ApiError> {
     expect_json(headers)?;
+    read(headers, body, limit).await
+}
+
+/// Reads the body of a bundle, whose kind has been checked, of at most `limit` bytes.
+///
+/// # Errors
+/// When it is larger, too slow, or breaks off.
+pub async fn read_bundle(headers: &HeaderMap, body: Body, limit: usize) -> Result<Bytes, ApiError> {
+    read(headers, body, limit).await
+}
+
+async fn read(headers: &HeaderMap, body: Body, limit: usize) -> Result<Bytes, ApiError> {
     let announced =
         headers.get(header::CONTENT_LENGTH).and_then(|value| value.to_str().ok()?.parse::<usize>().ok());
     let too_large = announced.is_some_and(|length| length > limit);

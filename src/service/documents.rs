@@ -1,9 +1,10 @@
 //! Jobs and events as JSON (FORMAT "Events" and "Job").
 
-use serde::Serialize;
-use serde_json::Value;
+use std::collections::BTreeMap;
 
-use crate::jobs::{Delivery, EventBody, JobRecord, JobState, TerminationReason};
+use serde::Serialize;
+
+use crate::jobs::{Delivery, Event, EventBody, JobRecord, JobState, TerminationReason};
 use crate::wire::plan::MetricsDocument;
 
 /// A job.
@@ -12,7 +13,9 @@ pub struct JobDocument {
     id: String,
     state: &'static str,
     termination_reason: Option<&'static str>,
-    labels: serde_json::Map<String, Value>,
+    labels: BTreeMap<String, String>,
+    priority: i32,
+    queue_ttl_s: Option<f64>,
     attempt: u32,
     created_at: String,
     queued_at: Option<String>,
@@ -30,6 +33,7 @@ struct Links {
     #[serde(rename = "self")]
     this: String,
     events: String,
+    incumbents: String,
     best: String,
     cancel: String,
 }
@@ -42,7 +46,9 @@ impl JobDocument {
             id: record.id.to_string(),
             state: record.state.as_str(),
             termination_reason: record.termination_reason.map(TerminationReason::as_str),
-            labels: serde_json::Map::new(),
+            labels: record.labels.clone(),
+            priority: record.priority,
+            queue_ttl_s: record.queue_ttl.map(|ttl| ttl.as_secs_f64()),
             attempt: record.attempt,
             created_at: record.created_at.to_string(),
             queued_at: record.queued_at.map(|at| at.to_string()),
@@ -54,6 +60,7 @@ impl JobDocument {
             last_seq: record.last_seq,
             links: Links {
                 events: format!("{path}/events"),
+                incumbents: format!("{path}/incumbents"),
                 best: format!("{path}/solutions/best"),
                 cancel: format!("{path}/cancel"),
                 this: path,
@@ -97,6 +104,13 @@ enum BodyDocument<'a> {
         #[serde(skip_serializing_if = "Option::is_none")]
         href: Option<String>,
     },
+    Retrying {
+        cause: &'static str,
+    },
+    Snapshot {
+        state: &'static str,
+        metrics: Option<MetricsDocument>,
+    },
     Terminal {
         state: &'static str,
         termination_reason: &'static str,
@@ -131,6 +145,11 @@ pub fn event_line(delivery: &Delivery, inline_limit: usize) -> String {
                 href: if fits { None } else { Some(href) },
             }
         }
+        EventBody::Retrying(retrying) => BodyDocument::Retrying { cause: retrying.cause.as_str() },
+        EventBody::Snapshot(snapshot) => BodyDocument::Snapshot {
+            state: snapshot.state.as_str(),
+            metrics: snapshot.metrics.as_ref().map(MetricsDocument::from),
+        },
         EventBody::Terminal(terminal) => BodyDocument::Terminal {
             state: terminal.reason.state().as_str(),
             termination_reason: terminal.reason.as_str(),
@@ -156,4 +175,30 @@ pub fn event_line(delivery: &Delivery, inline_limit: usize) -> String {
         line.push('}');
     }
     line
+}
+
+/// A plan of a job without the plan itself.
+#[derive(Debug, Serialize)]
+pub struct IncumbentDocument {
+    revision: u64,
+    seq: u64,
+    attempt: u32,
+    at: String,
+    metrics: MetricsDocument,
+    href: String,
+}
+
+impl IncumbentDocument {
+    /// The document of an `incumbent` event; `None` for events of other kinds.
+    pub fn new(event: &Event) -> Option<Self> {
+        let EventBody::Incumbent(incumbent) = &event.body else { return None };
+        Some(Self {
+            revision: incumbent.revision,
+            seq: event.seq,
+            attempt: event.attempt,
+            at: event.at.to_string(),
+            metrics: MetricsDocument::from(&incumbent.metrics),
+            href: format!("/v1/jobs/{}/solutions/{}", event.job, incumbent.revision),
+        })
+    }
 }

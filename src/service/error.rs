@@ -7,7 +7,8 @@ use axum::response::{IntoResponse, Response};
 use serde::Serialize;
 use tonic::metadata::{MetadataMap, MetadataValue};
 
-use crate::jobs::{BadJobId, QueueRefusal, StoreError};
+use super::workcells::RegistryError;
+use crate::jobs::{BadJobId, JobId, QueueRefusal};
 use crate::wire::{Fault, FaultCode};
 
 /// Media type of problem documents.
@@ -32,6 +33,33 @@ pub enum ApiError {
     /// The document is no plan for the problem.
     #[error("the plan cannot be read: it has {} fault(s)", .0.len())]
     InvalidPlan(Vec<Fault>),
+    /// The body is no bundle of a workcell.
+    #[error("the bundle cannot be used: {0}")]
+    BadBundle(String),
+    /// The idempotency key belongs to another request.
+    #[error("this idempotency key came with another request before; use a fresh one")]
+    KeyTaken,
+    /// The idempotency key belongs to this job, whose request has this digest. Never leaves the
+    /// intake.
+    #[error("the idempotency key belongs to job {0}")]
+    KeyHeld(JobId, String),
+    /// The job has not ended.
+    #[error("job {0} has not ended; cancel it first")]
+    NotEnded(JobId),
+    /// As many workcells are registered as may be.
+    #[error("{limit} workcells are registered already; delete one first")]
+    WorkcellsFull {
+        /// How many may be.
+        limit: usize,
+    },
+    /// As many streams are open as may be.
+    #[error("{limit} streams of events are open already; close one, or try again in {retry_after_s} s")]
+    TooManyStreams {
+        /// How many may be.
+        limit: usize,
+        /// When to try again (s).
+        retry_after_s: u64,
+    },
     /// The body is too large.
     #[error("the body is larger than {limit} bytes")]
     TooLarge {
@@ -48,8 +76,13 @@ pub enum ApiError {
     #[error("the body could not be read to its end")]
     BodyBroken,
     /// The body has a media type or encoding that is not read here.
-    #[error("the body must be application/json, uncompressed, not {0}")]
-    UnsupportedMediaType(String),
+    #[error("the body must be {expected}, not encoded further, and not {found}")]
+    UnsupportedMediaType {
+        /// What is read here.
+        expected: &'static str,
+        /// What it says it is.
+        found: String,
+    },
     /// None of the media types that the client accepts is written here.
     #[error("this resource comes as {0} only")]
     NotAcceptable(&'static str),
@@ -73,8 +106,8 @@ pub enum ApiError {
     /// The resource does not know the method.
     #[error("this resource does not take that method")]
     MethodNotAllowed,
-    /// The queue is full.
-    #[error("the queue is full: {0}")]
+    /// The queue takes no more, or no more of this client.
+    #[error("no room: {0}")]
     QueueFull(QueueRefusal, u64),
     /// The service is not up, or about to end.
     #[error("the service is not ready")]
@@ -98,6 +131,17 @@ pub struct ProblemDocument {
     code: &'static str,
     retryable: bool,
     errors: Vec<Fault>,
+}
+
+/// Goes with a refusal on its way out, for whoever counts: its code.
+#[derive(Debug, Clone, Copy)]
+pub struct Refused(pub &'static str);
+
+impl ProblemDocument {
+    /// The faults of the document.
+    pub fn faults(&self) -> &[Fault] {
+        &self.errors
+    }
 }
 
 impl ApiError {
@@ -137,7 +181,7 @@ impl ApiError {
                 (StatusCode::REQUEST_TIMEOUT, "body_timeout", "The body came too slowly")
             }
             E::BodyBroken => (StatusCode::BAD_REQUEST, "body_broken", "The body broke off"),
-            E::UnsupportedMediaType(_) => {
+            E::UnsupportedMediaType { .. } => {
                 (StatusCode::UNSUPPORTED_MEDIA_TYPE, "unsupported_media_type", "Unsupported media type")
             }
             E::NotAcceptable(_) => (StatusCode::NOT_ACCEPTABLE, "not_acceptable", "Not acceptable"),
@@ -147,7 +191,21 @@ impl ApiError {
             E::MethodNotAllowed => {
                 (StatusCode::METHOD_NOT_ALLOWED, "method_not_allowed", "Method not allowed")
             }
+            E::QueueFull(QueueRefusal::ClientFull { .. }, _) => {
+                (StatusCode::TOO_MANY_REQUESTS, "too_many_jobs", "Too many jobs of one client")
+            }
             E::QueueFull(..) => (StatusCode::TOO_MANY_REQUESTS, "queue_full", "The queue is full"),
+            E::TooManyStreams { .. } => {
+                (StatusCode::TOO_MANY_REQUESTS, "too_many_streams", "Too many open streams")
+            }
+            E::BadBundle(_) => (StatusCode::UNPROCESSABLE_ENTITY, "bad_bundle", "The bundle cannot be used"),
+            E::KeyTaken | E::KeyHeld(..) => (
+                StatusCode::UNPROCESSABLE_ENTITY,
+                "idempotency_mismatch",
+                "The key belongs to another request",
+            ),
+            E::NotEnded(_) => (StatusCode::CONFLICT, "job_not_ended", "The job has not ended"),
+            E::WorkcellsFull { .. } => (StatusCode::CONFLICT, "workcells_full", "Too many workcells"),
             E::Unavailable => (StatusCode::SERVICE_UNAVAILABLE, "unavailable", "Not ready"),
             E::Internal => (StatusCode::INTERNAL_SERVER_ERROR, "internal", "Internal error"),
         }
@@ -167,10 +225,15 @@ impl ApiError {
             | E::GoalUnreachable(_)
             | E::InvalidPlan(_)
             | E::BadParameter { .. }
-            | E::UnsupportedMediaType(_)
+            | E::UnsupportedMediaType { .. }
+            | E::BadBundle(_)
             | E::NotAcceptable(_)
             | E::BodyBroken => tonic::Code::InvalidArgument,
-            E::TooLarge { .. } | E::QueueFull(..) => tonic::Code::ResourceExhausted,
+            E::KeyTaken | E::KeyHeld(..) => tonic::Code::AlreadyExists,
+            E::NotEnded(_) => tonic::Code::FailedPrecondition,
+            E::TooLarge { .. } | E::QueueFull(..) | E::TooManyStreams { .. } | E::WorkcellsFull { .. } => {
+                tonic::Code::ResourceExhausted
+            }
             E::BodyTimeout { .. } => tonic::Code::DeadlineExceeded,
             E::NotFound { .. } | E::NoSolution => tonic::Code::NotFound,
             E::MethodNotAllowed => tonic::Code::Unimplemented,
@@ -195,6 +258,7 @@ impl ApiError {
         let retryable = matches!(
             self,
             ApiError::QueueFull(..)
+                | ApiError::TooManyStreams { .. }
                 | ApiError::Unavailable
                 | ApiError::BodyTimeout { .. }
                 | ApiError::BodyBroken
@@ -213,6 +277,7 @@ impl ApiError {
     fn retry_after_s(&self) -> Option<u64> {
         match self {
             ApiError::QueueFull(_, seconds) => Some(*seconds),
+            ApiError::TooManyStreams { retry_after_s, .. } => Some(*retry_after_s),
             ApiError::Unavailable => Some(5),
             _ => None,
         }
@@ -224,6 +289,7 @@ impl IntoResponse for ApiError {
         let text = serde_json::to_vec(&self.document()).unwrap_or_default();
         let mut response = Response::new(Body::from(text));
         *response.status_mut() = self.status();
+        response.extensions_mut().insert(Refused(self.kind().1));
         let headers = response.headers_mut();
         headers.insert(header::CONTENT_TYPE, HeaderValue::from_static(PROBLEM_JSON));
         headers.insert(header::CACHE_CONTROL, HeaderValue::from_static("no-store"));
@@ -249,20 +315,19 @@ impl From<ApiError> for tonic::Status {
 impl From<QueueRefusal> for ApiError {
     fn from(refusal: QueueRefusal) -> Self {
         match refusal {
-            QueueRefusal::Full { retry_after_s, .. } => ApiError::QueueFull(refusal, retry_after_s),
+            QueueRefusal::Full { retry_after_s, .. } | QueueRefusal::ClientFull { retry_after_s, .. } => {
+                ApiError::QueueFull(refusal, retry_after_s)
+            }
             QueueRefusal::Stopping => ApiError::Unavailable,
         }
     }
 }
 
-impl From<StoreError> for ApiError {
-    fn from(error: StoreError) -> Self {
+impl From<RegistryError> for ApiError {
+    fn from(error: RegistryError) -> Self {
         match error {
-            StoreError::UnknownJob(job) => ApiError::NotFound { what: format!("job {job}") },
-            StoreError::OutOfTurn { .. } => {
-                tracing::error!(%error, "the store refused an event");
-                ApiError::Internal
-            }
+            RegistryError::Full(limit) => ApiError::WorkcellsFull { limit },
+            RegistryError::Store(error) => error.into(),
         }
     }
 }

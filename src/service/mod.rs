@@ -3,65 +3,57 @@
 //! Handlers are thin: they read, ask [`crate::jobs`], and write. Every refusal is an [`ApiError`].
 
 mod body;
+mod client;
+mod config;
 mod documents;
 mod error;
+mod figures;
 mod grpc;
 mod intake;
+mod mode_graph;
 mod negotiation;
 mod routes;
 mod stream;
+mod workcells;
 
+pub use config::ServiceConfig;
 pub use error::{ApiError, PROBLEM_JSON, PROBLEM_METADATA};
 pub use grpc::proto;
+pub use mode_graph::document as mode_graph_document;
+pub use workcells::{
+    ArchiveError, ArchiveLimits, Bundle, BundleError, Files, RegistryError, unpack_tar_gz, unpack_zip,
+};
 
-use std::sync::Arc;
+use std::collections::{BTreeMap, BTreeSet};
+use std::net::SocketAddr;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::time::Duration;
+use std::sync::{Arc, Mutex};
+use std::time::{Duration, Instant};
 
 use axum::serve::ListenerExt;
 use tokio::net::TcpListener;
 use tokio::sync::Semaphore;
 use tokio_util::sync::CancellationToken;
 
-use crate::jobs::{Jobs, JobsConfig, MemoryStore, Planner, Retention};
-use crate::wire::ReadLimits;
+use self::client::{Client, StreamPermit, Streams};
+use self::figures::Figures;
+use self::intake::{KeyLocks, Reader};
+use self::workcells::Workcells;
+use crate::jobs::{EmbeddedStore, JobState, Jobs, ListQuery, Parts, Planner};
 
-/// Settings of the service.
-#[derive(Debug, Clone)]
-pub struct ServiceConfig {
-    /// The pool of planner threads and its queue.
-    pub jobs: JobsConfig,
-    /// What is remembered of ended jobs.
-    pub retention: Retention,
-    /// Bounds on problems; its `max_bytes` bounds every body.
-    pub read_limits: ReadLimits,
-    /// Largest plan (bytes) that events carry inline.
-    pub inline_plan_bytes: usize,
-    /// Most problems that are validated at once.
-    pub validations: usize,
-    /// How long a shutdown waits for replies and planner threads to end.
-    pub drain: Duration,
-}
-
-impl Default for ServiceConfig {
-    /// One planner thread less than there are processors, but at least one.
-    fn default() -> Self {
-        let processors = std::thread::available_parallelism().map_or(1, usize::from);
-        Self {
-            jobs: JobsConfig { workers: processors.saturating_sub(1).max(1), queue_limit: 64 },
-            retention: Retention::default(),
-            read_limits: ReadLimits::default(),
-            inline_plan_bytes: 1 << 20,
-            validations: processors,
-            drain: Duration::from_secs(10),
-        }
-    }
-}
+/// How often figures are tidied.
+const TIDY: Duration = Duration::from_secs(5);
 
 /// What all handlers share.
 pub(crate) struct App {
     config: ServiceConfig,
     jobs: Jobs,
+    workcells: Arc<Workcells>,
+    /// Mode graphs of workcells, by digest and extents.
+    mode_graphs: Mutex<BTreeMap<String, Arc<str>>>,
+    keys: KeyLocks,
+    streams: Arc<Streams>,
+    figures: Arc<Figures>,
     validations: Arc<Semaphore>,
     shutdown: CancellationToken,
     /// Set once the service is up, and never reset: `/readyz` fails again only at shutdown.
@@ -72,28 +64,34 @@ impl App {
     fn is_ready(&self) -> bool {
         self.ready.load(Ordering::Acquire) && !self.shutdown.is_cancelled()
     }
+
+    fn open_stream(&self, client: &Client) -> Result<StreamPermit, ApiError> {
+        self.streams.open(client, self.config.streams, self.config.client_streams)
+    }
+
+    /// Digests of the workcells that jobs refer to which have not ended.
+    fn used_workcells(&self) -> Result<BTreeSet<String>, ApiError> {
+        let states = vec![JobState::Queued, JobState::Running];
+        let open =
+            self.jobs.store().list(&ListQuery { limit: usize::MAX, states, ..ListQuery::default() })?;
+        let digests = open.iter().filter_map(|record| self.jobs.store().request(record.id).ok()?.workcell);
+        Ok(digests.collect())
+    }
 }
 
-/// Serves on `listener` until `shutdown` is raised; then ends the streams, waits for the rest up to
-/// `config.drain`, and stops the planner threads.
+/// Serves on `listener` until `shutdown` is raised; then ends the streams, gives running jobs back to
+/// the queue, and waits for all that up to `config.drain`.
 ///
 /// # Errors
-/// When the threads cannot be started or the listener fails.
+/// When the store or the threads cannot be started, or the listener fails.
 pub async fn serve(
     listener: TcpListener,
     config: ServiceConfig,
     planner: Arc<dyn Planner>,
     shutdown: CancellationToken,
 ) -> std::io::Result<()> {
-    let store = Arc::new(MemoryStore::new(config.retention));
-    let drain = config.drain;
-    let app = Arc::new(App {
-        jobs: Jobs::start(config.jobs, store, planner)?,
-        validations: Arc::new(Semaphore::new(config.validations.max(1))),
-        shutdown: shutdown.clone(),
-        ready: AtomicBool::new(false),
-        config,
-    });
+    let app = start(config, planner, shutdown.clone()).await?;
+    let drain = app.config.drain;
     let router = routes::router(Arc::clone(&app));
     // Events are small and must not wait for company.
     let listener = listener.tap_io(|stream| {
@@ -102,7 +100,9 @@ pub async fn serve(
         }
     });
     app.ready.store(true, Ordering::Release);
-    let serving = axum::serve(listener, router)
+    tokio::spawn(tidy(Arc::clone(&app)));
+    let stopping = tokio::spawn(stop_jobs(Arc::clone(&app)));
+    let serving = axum::serve(listener, router.into_make_service_with_connect_info::<SocketAddr>())
         .with_graceful_shutdown(shutdown.clone().cancelled_owned())
         .into_future();
     tokio::select! {
@@ -111,9 +111,64 @@ pub async fn serve(
             tracing::warn!("connections are still open at the end of the drain time");
         }
     }
-    let stopped = tokio::task::spawn_blocking(move || app.jobs.stop(drain)).await.unwrap_or(false);
-    if !stopped {
+    shutdown.cancel();
+    if !stopping.await.unwrap_or(false) {
         tracing::warn!("planner threads are still busy at the end of the drain time");
     }
     Ok(())
+}
+
+/// Opens the store and starts the job layer.
+async fn start(
+    config: ServiceConfig,
+    planner: Arc<dyn Planner>,
+    shutdown: CancellationToken,
+) -> std::io::Result<Arc<App>> {
+    let figures = Arc::new(Figures::new().map_err(std::io::Error::other)?);
+    let store = match &config.data_dir {
+        Some(folder) => EmbeddedStore::open(folder, config.retention),
+        None => EmbeddedStore::in_memory(config.retention),
+    };
+    let store = store.map_err(std::io::Error::other)?;
+    let workcells = Workcells::open(store.database(), config.workcells).map_err(std::io::Error::other)?;
+    let workcells = Arc::new(workcells);
+    let reader = Reader { workcells: Arc::clone(&workcells), limits: config.read_limits.clone() };
+    let parts = Parts {
+        store: Arc::new(store),
+        planner,
+        reader: Arc::new(reader),
+        observer: Arc::<Figures>::clone(&figures),
+    };
+    Ok(Arc::new(App {
+        jobs: Jobs::start(config.jobs, parts)?,
+        workcells,
+        mode_graphs: Mutex::default(),
+        keys: KeyLocks::default(),
+        streams: Arc::default(),
+        figures,
+        validations: Arc::new(Semaphore::new(config.validations.max(1))),
+        shutdown,
+        ready: AtomicBool::new(false),
+        config,
+    }))
+}
+
+/// Waits for the shutdown and stops the job layer; whether all threads have ended in time.
+async fn stop_jobs(app: Arc<App>) -> bool {
+    app.shutdown.cancelled().await;
+    let began = Instant::now();
+    let drain = app.config.drain;
+    let stopped = tokio::task::spawn_blocking(move || app.jobs.stop(drain)).await.unwrap_or(false);
+    tracing::info!(took_s = began.elapsed().as_secs_f64(), "planner threads have stopped");
+    stopped
+}
+
+async fn tidy(app: Arc<App>) {
+    while !app.shutdown.is_cancelled() {
+        app.figures.tidy();
+        tokio::select! {
+            () = app.shutdown.cancelled() => {}
+            () = tokio::time::sleep(TIDY) => {}
+        }
+    }
 }

@@ -71,6 +71,43 @@ fn range(text: &str) -> Option<(String, u32)> {
     (!range.is_empty()).then_some((range, weight))
 }
 
+/// How a workcell is sent.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum BundleFormat {
+    /// The document alone.
+    Json,
+    /// A zip archive.
+    Zip,
+    /// A gzipped tar archive.
+    TarGz,
+}
+
+/// How the headers say that a workcell is sent; JSON when they say nothing.
+///
+/// # Errors
+/// [`ApiError::UnsupportedMediaType`] when they say something else.
+pub fn expect_bundle(headers: &HeaderMap) -> Result<BundleFormat, ApiError> {
+    let value = headers.get(header::CONTENT_TYPE).map(|value| value.to_str().unwrap_or_default());
+    let media_type =
+        value.unwrap_or_default().split(';').next().unwrap_or_default().trim().to_ascii_lowercase();
+    let expected = "application/json, application/zip or application/gzip";
+    let found = |text: &str| text.chars().take(100).collect::<String>();
+    let format = match media_type.as_str() {
+        "application/zip" | "application/x-zip-compressed" => BundleFormat::Zip,
+        "application/gzip" | "application/x-gzip" | "application/x-tar+gzip" | "application/x-gtar" => {
+            BundleFormat::TarGz
+        }
+        _ if expect_json(headers).is_ok() => BundleFormat::Json,
+        other => return Err(ApiError::UnsupportedMediaType { expected, found: found(other) }),
+    };
+    match headers.get(header::CONTENT_ENCODING) {
+        Some(value) if !value.as_bytes().eq_ignore_ascii_case(b"identity") => {
+            Err(ApiError::UnsupportedMediaType { expected, found: "compressed".to_owned() })
+        }
+        _ => Ok(format),
+    }
+}
+
 /// Checks that a body is plain JSON as far as its headers say.
 ///
 /// # Errors
@@ -84,12 +121,14 @@ pub fn expect_json(headers: &HeaderMap) -> Result<(), ApiError> {
         let json = media_type == "application/json"
             || (media_type.starts_with("application/") && media_type.ends_with("+json"));
         if !json && !untold {
-            return Err(ApiError::UnsupportedMediaType(text.chars().take(100).collect()));
+            let found = text.chars().take(100).collect();
+            return Err(ApiError::UnsupportedMediaType { expected: "application/json", found });
         }
     }
     match headers.get(header::CONTENT_ENCODING) {
         Some(value) if !value.as_bytes().eq_ignore_ascii_case(b"identity") => {
-            Err(ApiError::UnsupportedMediaType("compressed".to_owned()))
+            let found = "compressed".to_owned();
+            Err(ApiError::UnsupportedMediaType { expected: "application/json", found })
         }
         _ => Ok(()),
     }

@@ -2,19 +2,17 @@
 
 use std::convert::Infallible;
 use std::sync::Arc;
-use std::time::Duration;
 
 use axum::body::Body;
 use bytes::Bytes;
 use futures::StreamExt;
 
 use super::App;
+use super::client::StreamPermit;
 use super::documents::event_line;
 use super::negotiation::StreamFormat;
 use crate::jobs::{Delivery, JobId, Subscription};
 
-/// How often a silent SSE stream shows that it is alive.
-const KEEP_ALIVE: Duration = Duration::from_secs(15);
 /// What SSE clients are told to wait before they come back after a shutdown.
 const RETRY: &[u8] = b"retry: 2000\n\n";
 
@@ -53,9 +51,11 @@ pub fn event_body(
     mut subscription: Subscription,
     format: StreamFormat,
     mut guard: CancelOnDrop,
+    permit: StreamPermit,
 ) -> Body {
     let stream = async_stream::stream! {
-        let mut keep_alive = tokio::time::interval(KEEP_ALIVE);
+        let _permit = permit;
+        let mut keep_alive = tokio::time::interval(app.config.keep_alive);
         keep_alive.reset();
         loop {
             tokio::select! {
@@ -91,7 +91,7 @@ fn written(delivery: &Delivery, format: StreamFormat, inline_limit: usize) -> By
         StreamFormat::Sse => {
             let event = &delivery.event;
             let kind = event.body.kind();
-            let id = if event.body.is_durable() { format!("id: {}\n", event.seq) } else { String::new() };
+            let id = if event.body.is_resumable() { format!("id: {}\n", event.seq) } else { String::new() };
             Bytes::from(format!("{id}event: {kind}\ndata: {line}\n\n"))
         }
     }

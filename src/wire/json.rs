@@ -14,6 +14,15 @@ use super::fault::{Fault, FaultCode};
 /// `invalid_json` (not JSON, nested too deeply, a key twice, empty) or `not_finite` (a number
 /// beyond f64), with a pointer to where it happened.
 pub fn parse(bytes: &[u8]) -> Result<Value, Fault> {
+    parse_bounded(bytes, DEEPEST)
+}
+
+/// As [`parse`], nested at most `depth` levels deep.
+///
+/// # Errors
+/// As [`parse`].
+pub fn parse_bounded(bytes: &[u8], depth: usize) -> Result<Value, Fault> {
+    let depth = depth.min(DEEPEST);
     if bytes.iter().all(u8::is_ascii_whitespace) {
         return Err(Fault {
             pointer: String::new(),
@@ -23,17 +32,17 @@ pub fn parse(bytes: &[u8]) -> Result<Value, Fault> {
     }
     let path = RefCell::new(Vec::new());
     let mut deserializer = serde_json::Deserializer::from_slice(bytes);
-    let parsed = StrictValue { path: &path }
+    let parsed = StrictValue { path: &path, depth }
         .deserialize(&mut deserializer)
         .and_then(|value| deserializer.end().map(|()| value));
     parsed.map_err(|error| {
         let text = error.to_string();
         let (code, advice) = if text.starts_with("number out of range") {
-            (FaultCode::NotFinite, "give a number that a finite f64 can hold")
+            (FaultCode::NotFinite, "give a number that a finite f64 can hold".to_owned())
         } else if text.starts_with("recursion limit exceeded") {
-            (FaultCode::InvalidJson, "nest at most 127 levels deep")
+            (FaultCode::InvalidJson, format!("nest at most {depth} levels deep"))
         } else {
-            (FaultCode::InvalidJson, "mend the JSON text")
+            (FaultCode::InvalidJson, "mend the JSON text".to_owned())
         };
         let pointer = path.borrow().iter().fold(String::new(), |pointer, step| child(&pointer, step));
         // A path that deep says nothing.
@@ -61,6 +70,22 @@ pub fn child(pointer: &str, key: &str) -> String {
 /// at hand, and stays where it is when parsing fails.
 struct StrictValue<'p> {
     path: &'p RefCell<Vec<String>>,
+    depth: usize,
+}
+
+/// Deepest nesting, a level above the limit of serde_json.
+const DEEPEST: usize = 127;
+
+impl StrictValue<'_> {
+    /// For the values inside the one at hand.
+    fn below(&self) -> Self {
+        Self { path: self.path, depth: self.depth }
+    }
+
+    fn check_depth<E: serde::de::Error>(&self) -> Result<(), E> {
+        let deep = self.path.borrow().len() >= self.depth;
+        if deep { Err(E::custom("recursion limit exceeded")) } else { Ok(()) }
+    }
 }
 
 impl<'de> DeserializeSeed<'de> for StrictValue<'_> {
@@ -107,9 +132,10 @@ impl<'de> Visitor<'de> for StrictValue<'_> {
     }
 
     fn visit_seq<A: SeqAccess<'de>>(self, mut access: A) -> Result<Value, A::Error> {
+        self.check_depth()?;
         let mut list = Vec::new();
         self.path.borrow_mut().push("0".to_owned());
-        while let Some(value) = access.next_element_seed(StrictValue { path: self.path })? {
+        while let Some(value) = access.next_element_seed(self.below())? {
             list.push(value);
             if let Some(last) = self.path.borrow_mut().last_mut() {
                 *last = list.len().to_string();
@@ -120,13 +146,14 @@ impl<'de> Visitor<'de> for StrictValue<'_> {
     }
 
     fn visit_map<A: MapAccess<'de>>(self, mut access: A) -> Result<Value, A::Error> {
+        self.check_depth()?;
         let mut map = Map::new();
         while let Some(key) = access.next_key::<String>()? {
             self.path.borrow_mut().push(key.clone());
             if map.contains_key(&key) {
                 return Err(A::Error::custom(format!("the key \"{key}\" stands twice in one object")));
             }
-            let value = access.next_value_seed(StrictValue { path: self.path })?;
+            let value = access.next_value_seed(self.below())?;
             map.insert(key, value);
             self.path.borrow_mut().pop();
         }

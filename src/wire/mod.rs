@@ -5,15 +5,21 @@
 
 mod digest;
 mod fault;
+mod job;
 mod json;
 pub mod plan;
 mod pose;
 mod problem;
 mod reader;
 mod resources;
+mod workcell;
 
+pub use digest::sha256;
 pub use fault::{Fault, FaultCode};
-pub use json::parse as parse_json;
+pub use job::{JobFields, MAX_LABEL_VALUE, MAX_LABELS, MAX_PRIORITY, read_job};
+pub use json::{parse as parse_json, parse_bounded as parse_json_bounded};
 pub use pose::{PoseDocument, QuaternionDocument, VectorDocument};
 pub use problem::{ReadLimits, ReadProblem, read_problem, read_problem_value};
-pub use resources::{Folder, LibraryOnly, ResourceError, Resources};
+pub use reader::is_id;
+pub use resources::{Folder, LibraryOnly, ResourceError, Resources, normalise};
+pub use workcell::{ReadWorkcell, read_workcell_value, unknown_workcell, with_workcell, workcell_reference};

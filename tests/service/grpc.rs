@@ -30,7 +30,7 @@ async fn client(server: &Server) -> PlanningClient<Channel> {
 }
 
 fn plan(problem_json: impl Into<String>) -> PlanRequest {
-    PlanRequest { problem_json: problem_json.into(), cancel_on_disconnect: false }
+    PlanRequest { problem_json: problem_json.into(), ..PlanRequest::default() }
 }
 
 #[tokio::test]
@@ -65,7 +65,7 @@ async fn plan_streams_typed_events_that_agree_with_http() {
 async fn jobs_are_made_watched_and_cancelled() {
     let server = Server::start(1, 8).await;
     let mut client = client(&server).await;
-    let request = CreateJobRequest { problem_json: problem("wait").to_string() };
+    let request = CreateJobRequest { problem_json: problem("wait").to_string(), options: None };
     let job_id = client.create_job(request).await.unwrap().into_inner().id;
     let watch = WatchJobRequest { job_id: job_id.clone(), after: 2 };
     let mut events = client.watch_job(watch).await.unwrap().into_inner();

@@ -5,7 +5,12 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use futures::StreamExt;
-use quadrille::jobs::{EventBody, JobState, Jobs, JobsConfig, MemoryStore, QueueRefusal, Submission};
+use quadrille::jobs::{
+    EmbeddedStore, EventBody, JobRequest, JobState, Jobs, JobsConfig, NoObserver, Parts, Planner,
+    ProblemReader, QueueRefusal, Retention, Submission,
+};
+use quadrille::plan::Plan;
+use quadrille::problem::Problem;
 use quadrille::run::Seed;
 use quadrille::wire::{LibraryOnly, ReadLimits, read_problem};
 use rand::Rng;
@@ -174,13 +179,29 @@ async fn a_client_that_leaves_cancels_only_if_it_said_so() {
     }
 }
 
+struct Unread;
+
+impl ProblemReader for Unread {
+    fn read(&self, _request: &JobRequest) -> Result<(Problem, Option<Plan>), String> {
+        Err("nothing is read twice here".to_owned())
+    }
+}
+
+fn parts(planner: Arc<dyn Planner>) -> Parts {
+    let store = Arc::new(EmbeddedStore::in_memory(Retention::default()).unwrap());
+    Parts { store, planner, reader: Arc::new(Unread), observer: Arc::new(NoObserver) }
+}
+
+fn submission(problem: Problem) -> Submission {
+    Submission { request: JobRequest::default(), problem, warm_start: None, spent: Duration::ZERO }
+}
+
 /// Jobs of all kinds on three threads, some cancelled at any moment: each gets exactly one terminal
 /// event, the last one, and numbers without gaps; and every promise of a place is given back.
 #[test]
 fn jobs_under_random_cancellation_end_once() {
-    let store = Arc::new(MemoryStore::default());
-    let config = JobsConfig { workers: 3, queue_limit: 100 };
-    let jobs = Jobs::start(config, store, Arc::new(script::plan)).unwrap();
+    let config = JobsConfig { workers: 3, queue_limit: 100, ..JobsConfig::default() };
+    let jobs = Jobs::start(config, parts(Arc::new(script::plan))).unwrap();
     let mut rng = Seed(7).stream("cancellation");
     let read: BTreeMap<&str, _> = ["improve 5", "wait", "nothing", "panic", "infeasible"]
         .into_iter()
@@ -193,8 +214,7 @@ fn jobs_under_random_cancellation_end_once() {
     let mut ids = Vec::new();
     for _ in 0..60 {
         let name = names[rng.random_range(0..names.len())];
-        let submission = Submission { problem: read[name].clone(), spent: Duration::ZERO };
-        let id = jobs.submit(jobs.reserve().unwrap(), submission).unwrap().id;
+        let id = jobs.submit(jobs.reserve("me").unwrap(), submission(read[name].clone())).unwrap().id;
         ids.push((id, jobs.subscribe(id, 0).unwrap()));
         if name == "wait" || rng.random_bool(0.3) {
             std::thread::sleep(Duration::from_micros(rng.random_range(0..3000)));
@@ -214,9 +234,9 @@ fn jobs_under_random_cancellation_end_once() {
         assert_ne!(record.state, JobState::Queued);
     }
     // All 103 places are free again, and no more than that.
-    let tickets: Vec<_> = (0..103).map(|_| jobs.reserve().unwrap()).collect();
-    assert!(matches!(jobs.reserve(), Err(QueueRefusal::Full { limit: 100, .. })));
+    let tickets: Vec<_> = (0..103).map(|_| jobs.reserve("me").unwrap()).collect();
+    assert!(matches!(jobs.reserve("me"), Err(QueueRefusal::Full { limit: 100, .. })));
     drop(tickets);
     assert!(jobs.stop(Duration::from_secs(20)));
-    assert!(matches!(jobs.reserve(), Err(QueueRefusal::Stopping)));
+    assert!(matches!(jobs.reserve("me"), Err(QueueRefusal::Stopping)));
 }

@@ -1,8 +1,10 @@
 //! The job layer's types as gRPC messages.
 
+use super::super::workcells::Registered;
 use super::proto;
-use crate::jobs::{Delivery, EventBody, JobRecord, JobState, TerminationReason, Timestamp};
+use crate::jobs::{Delivery, Event, EventBody, JobRecord, JobState, TerminationReason, Timestamp};
 use crate::plan::{Metrics, StepsProof};
+use crate::wire;
 
 /// A job and its place in the queue.
 pub(super) fn job(record: &JobRecord, queue_position: Option<usize>) -> proto::Job {
@@ -22,6 +24,11 @@ pub(super) fn job(record: &JobRecord, queue_position: Option<usize>) -> proto::J
         finished_at: text(record.finished_at),
         queue_position: position.map(|place| place as u64),
         best: record.best.as_ref().map(|best| metrics(&best.metrics)),
+        labels: record.labels.clone().into_iter().collect(),
+        priority: record.priority,
+        queue_ttl_s: record.queue_ttl.map(|ttl| ttl.as_secs_f64()),
+        diagnosis: record.diagnosis.clone().unwrap_or_default(),
+        last_seq: record.last_seq,
     }
 }
 
@@ -47,6 +54,13 @@ pub(super) fn event(delivery: &Delivery, inline_limit: usize) -> proto::Event {
                 String::new()
             },
             skipped: delivery.skipped,
+        }),
+        EventBody::Retrying(retrying) => {
+            Body::Retrying(proto::Retrying { cause: retrying.cause.as_str().to_owned() })
+        }
+        EventBody::Snapshot(snapshot) => Body::Snapshot(proto::Snapshot {
+            state: state(snapshot.state).into(),
+            metrics: snapshot.metrics.as_ref().map(metrics),
         }),
         EventBody::Terminal(terminal) => Body::Terminal(proto::Terminal {
             state: state(terminal.reason.state()).into(),
@@ -84,6 +98,42 @@ pub(super) fn metrics(metrics: &Metrics) -> proto::Metrics {
     }
 }
 
+/// A plan of a job without the plan; `None` for events of other kinds.
+pub(super) fn incumbent(event: &Event) -> Option<proto::IncumbentSummary> {
+    let EventBody::Incumbent(incumbent) = &event.body else { return None };
+    Some(proto::IncumbentSummary {
+        revision: incumbent.revision,
+        seq: event.seq,
+        attempt: event.attempt,
+        at: event.at.to_string(),
+        metrics: Some(metrics(&incumbent.metrics)),
+    })
+}
+
+/// A registered workcell without its document.
+pub(super) fn workcell(registered: &Registered) -> proto::Workcell {
+    proto::Workcell {
+        id: registered.id.clone(),
+        digest: registered.digest.clone(),
+        registered_at: registered.at.to_string(),
+        ..proto::Workcell::default()
+    }
+}
+
+/// A fault or warning.
+pub(super) fn fault(fault: &wire::Fault) -> proto::Fault {
+    proto::Fault {
+        pointer: fault.pointer.clone(),
+        code: fault.code.to_string(),
+        message: fault.message.clone(),
+    }
+}
+
+/// The state that a client asks for; `None` for one that this version does not know.
+pub(super) fn known_state(wanted: i32) -> Option<JobState> {
+    JobState::ALL.into_iter().find(|known| i32::from(state(*known)) == wanted)
+}
+
 fn state(state: JobState) -> proto::JobState {
     match state {
         JobState::Queued => proto::JobState::Queued,
@@ -91,6 +141,7 @@ fn state(state: JobState) -> proto::JobState {
         JobState::Succeeded => proto::JobState::Succeeded,
         JobState::Failed => proto::JobState::Failed,
         JobState::Cancelled => proto::JobState::Cancelled,
+        JobState::Expired => proto::JobState::Expired,
     }
 }
 
@@ -105,6 +156,8 @@ fn reason(reason: TerminationReason) -> proto::TerminationReason {
         R::Infeasible => proto::TerminationReason::Infeasible,
         R::NoSolutionFound => proto::TerminationReason::NoSolutionFound,
         R::Internal => proto::TerminationReason::Internal,
+        R::WorkerLost => proto::TerminationReason::WorkerLost,
         R::ClientCancel => proto::TerminationReason::ClientCancel,
+        R::QueueTimeout => proto::TerminationReason::QueueTimeout,
     }
 }

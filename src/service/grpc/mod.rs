@@ -27,7 +27,8 @@ const ENVELOPE: usize = 64 << 10;
 
 /// The gRPC routes: planning, health, reflection.
 pub(super) fn router(app: Arc<App>) -> Router {
-    let largest = app.config.read_limits.max_bytes + ENVELOPE;
+    // A problem and a plan, each within the bound.
+    let largest = app.config.read_limits.max_bytes.saturating_mul(2) + ENVELOPE;
     let planning = PlanningServer::new(PlanningService::new(Arc::clone(&app)))
         .max_decoding_message_size(largest)
         .max_encoding_message_size(usize::MAX);

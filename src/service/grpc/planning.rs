@@ -5,24 +5,20 @@ use std::sync::Arc;
 
 use bytes::Bytes;
 use futures::{Stream, StreamExt};
+use serde_json::json;
 use tonic::{Request, Response, Status};
 
-use super::super::intake::accept;
+use super::super::client::{Client, StreamPermit};
+use super::super::intake::{Source, accept, checked_key, validate};
+use super::super::negotiation::BundleFormat;
+use super::super::routes::{self, Judged};
 use super::super::stream::CancelOnDrop;
 use super::super::{ApiError, App};
 use super::messages;
 use super::proto::planning_server::Planning;
-use super::proto::{
-    CancelJobRequest, CreateJobRequest, Event, GetJobRequest, GetScenarioRequest, GetSolutionRequest, Job,
-    ListJobsRequest, ListJobsResponse, ListScenariosRequest, ListScenariosResponse, PlanRequest, Scenario,
-    Solution, WatchJobRequest,
-};
-use crate::jobs::{BadJobId, JobId, Revision, Subscription};
-
-/// Jobs in one reply, unless the client says otherwise.
-const PAGE: u32 = 100;
-/// Most jobs in one reply.
-const LARGEST_PAGE: u32 = 1000;
+use super::proto::put_workcell_request::Content;
+use super::proto::{self, Event, Job};
+use crate::jobs::{BadJobId, JobId, JobRecord, ListQuery, Revision, Subscription};
 
 /// The planning service.
 pub(super) struct PlanningService {
@@ -43,9 +39,15 @@ impl PlanningService {
 
     /// The stream of what `subscription` gives; it ends after the terminal event, or with
     /// UNAVAILABLE when the service shuts down.
-    fn events(&self, mut subscription: Subscription, mut guard: CancelOnDrop) -> EventStream {
+    fn events(
+        &self,
+        mut subscription: Subscription,
+        mut guard: CancelOnDrop,
+        permit: StreamPermit,
+    ) -> EventStream {
         let app = Arc::clone(&self.app);
         Box::pin(async_stream::stream! {
+            let _permit = permit;
             loop {
                 tokio::select! {
                     biased;
@@ -68,70 +70,127 @@ fn job_id(text: &str) -> Result<JobId, ApiError> {
     text.parse().map_err(|error: BadJobId| error.into())
 }
 
+/// How many entries a client that asks for `limit` gets; 0 is for no wish.
+fn page_size(limit: u32) -> usize {
+    routes::page_size((limit > 0).then_some(u64::from(limit)))
+}
+
+/// Splits a request for a job into what the intake takes.
+fn source(problem: String, options: Option<proto::JobOptions>) -> Result<(Source, Option<String>), ApiError> {
+    let options = options.unwrap_or_default();
+    let key = Some(options.idempotency_key).filter(|key| !key.is_empty());
+    let key = key.map(|key| checked_key(&key)).transpose()?;
+    let mut around = serde_json::Map::new();
+    around.insert("labels".to_owned(), json!(options.labels));
+    around.insert("priority".to_owned(), json!(options.priority));
+    // What is not finite becomes null, which would be no wish at all.
+    match options.queue_ttl_s {
+        Some(seconds) if !seconds.is_finite() => {
+            let message = "give a finite number of seconds".to_owned();
+            return Err(ApiError::BadParameter { name: "queue_ttl_s", message });
+        }
+        seconds => around.insert("queue_ttl_s".to_owned(), json!(seconds)),
+    };
+    let warm_start = Some(options.warm_start_json).filter(|text| !text.is_empty()).map(Bytes::from);
+    Ok((Source::Parts { problem: problem.into(), around, warm_start }, key))
+}
+
+impl PlanningService {
+    async fn accept(
+        &self,
+        client: &Client,
+        problem: String,
+        options: Option<proto::JobOptions>,
+    ) -> Result<JobRecord, ApiError> {
+        let (source, key) = source(problem, options)?;
+        accept(&self.app, source, client, key).await
+    }
+}
+
+fn refused(error: impl Into<ApiError>) -> Status {
+    error.into().into()
+}
+
 #[tonic::async_trait]
 impl Planning for PlanningService {
     type PlanStream = EventStream;
     type WatchJobStream = EventStream;
 
-    async fn plan(&self, request: Request<PlanRequest>) -> Result<Response<EventStream>, Status> {
+    async fn plan(&self, request: Request<proto::PlanRequest>) -> Result<Response<EventStream>, Status> {
+        let client = Client::known(request.extensions());
         let request = request.into_inner();
-        let record = accept(&self.app, Bytes::from(request.problem_json)).await?;
+        let permit = self.app.open_stream(&client)?;
+        let record = self.accept(&client, request.problem_json, request.options).await?;
         let guard = CancelOnDrop::new(Arc::clone(&self.app), record.id, request.cancel_on_disconnect);
-        let subscription = self.app.jobs.subscribe(record.id, 0).map_err(ApiError::from)?;
-        Ok(Response::new(self.events(subscription, guard)))
+        let subscription = self.app.jobs.subscribe(record.id, 0).map_err(refused)?;
+        Ok(Response::new(self.events(subscription, guard, permit)))
     }
 
-    async fn create_job(&self, request: Request<CreateJobRequest>) -> Result<Response<Job>, Status> {
-        let record = accept(&self.app, Bytes::from(request.into_inner().problem_json)).await?;
+    async fn create_job(&self, request: Request<proto::CreateJobRequest>) -> Result<Response<Job>, Status> {
+        let client = Client::known(request.extensions());
+        let request = request.into_inner();
+        let record = self.accept(&client, request.problem_json, request.options).await?;
         Ok(Response::new(self.job(record.id)?))
     }
 
-    async fn get_job(&self, request: Request<GetJobRequest>) -> Result<Response<Job>, Status> {
+    async fn get_job(&self, request: Request<proto::GetJobRequest>) -> Result<Response<Job>, Status> {
         Ok(Response::new(self.job(job_id(&request.into_inner().job_id)?)?))
     }
 
     async fn list_jobs(
         &self,
-        request: Request<ListJobsRequest>,
-    ) -> Result<Response<ListJobsResponse>, Status> {
+        request: Request<proto::ListJobsRequest>,
+    ) -> Result<Response<proto::ListJobsResponse>, Status> {
         let request = request.into_inner();
-        let limit = if request.limit == 0 { PAGE } else { request.limit.min(LARGEST_PAGE) };
         let before = if request.before.is_empty() { None } else { Some(job_id(&request.before)?) };
-        let records = self.app.jobs.store().list(before, limit as usize).map_err(ApiError::from)?;
+        let state = |wanted: &i32| {
+            let message = "give states that this version knows".to_owned();
+            messages::known_state(*wanted).ok_or(ApiError::BadParameter { name: "states", message })
+        };
+        let query = ListQuery {
+            before,
+            limit: page_size(request.limit),
+            states: request.states.iter().map(state).collect::<Result<_, _>>()?,
+            labels: request.labels.iter().map(|text| routes::label_filter(text)).collect(),
+        };
+        let records = self.app.jobs.store().list(&query).map_err(refused)?;
         let jobs = records
             .iter()
             .map(|record| messages::job(record, self.app.jobs.queue_position(record.id)))
             .collect();
-        Ok(Response::new(ListJobsResponse { jobs }))
+        Ok(Response::new(proto::ListJobsResponse { jobs }))
     }
 
-    async fn watch_job(&self, request: Request<WatchJobRequest>) -> Result<Response<EventStream>, Status> {
+    async fn watch_job(
+        &self,
+        request: Request<proto::WatchJobRequest>,
+    ) -> Result<Response<EventStream>, Status> {
+        let client = Client::known(request.extensions());
         let request = request.into_inner();
         let job = job_id(&request.job_id)?;
-        let subscription = self.app.jobs.subscribe(job, request.after).map_err(ApiError::from)?;
-        let (record, _) = self.app.jobs.record(job).map_err(ApiError::from)?;
+        let subscription = self.app.jobs.subscribe(job, request.after).map_err(refused)?;
+        let (record, _) = self.app.jobs.record(job).map_err(refused)?;
         if record.state.is_terminal() && request.after >= record.last_seq {
             return Ok(Response::new(Box::pin(futures::stream::empty())));
         }
+        let permit = self.app.open_stream(&client)?;
         let guard = CancelOnDrop::new(Arc::clone(&self.app), job, false);
-        Ok(Response::new(self.events(subscription, guard)))
+        Ok(Response::new(self.events(subscription, guard, permit)))
     }
 
-    async fn get_solution(&self, request: Request<GetSolutionRequest>) -> Result<Response<Solution>, Status> {
+    async fn get_solution(
+        &self,
+        request: Request<proto::GetSolutionRequest>,
+    ) -> Result<Response<proto::Solution>, Status> {
         let request = request.into_inner();
         let revision = match request.revision {
             0 => Revision::Best,
             number => Revision::Number(number),
         };
         let job = job_id(&request.job_id)?;
-        let incumbent = self
-            .app
-            .jobs
-            .store()
-            .solution(job, revision)
-            .map_err(ApiError::from)?
-            .ok_or(ApiError::NoSolution)?;
-        Ok(Response::new(Solution {
+        let found = self.app.jobs.store().solution(job, revision).map_err(refused)?;
+        let incumbent = found.ok_or(ApiError::NoSolution)?;
+        Ok(Response::new(proto::Solution {
             job_id: job.to_string(),
             revision: incumbent.revision,
             metrics: Some(messages::metrics(&incumbent.metrics)),
@@ -139,24 +198,144 @@ impl Planning for PlanningService {
         }))
     }
 
-    async fn cancel_job(&self, request: Request<CancelJobRequest>) -> Result<Response<Job>, Status> {
+    async fn list_incumbents(
+        &self,
+        request: Request<proto::ListIncumbentsRequest>,
+    ) -> Result<Response<proto::ListIncumbentsResponse>, Status> {
+        let request = request.into_inner();
+        let (job, limit) = (job_id(&request.job_id)?, page_size(request.limit));
+        let found = self.app.jobs.incumbents(job, request.from, limit).map_err(refused)?;
+        let incumbents = found.iter().filter_map(|event| messages::incumbent(event)).collect();
+        Ok(Response::new(proto::ListIncumbentsResponse { incumbents }))
+    }
+
+    async fn cancel_job(&self, request: Request<proto::CancelJobRequest>) -> Result<Response<Job>, Status> {
         let job = job_id(&request.into_inner().job_id)?;
-        self.app.jobs.cancel(job).map_err(ApiError::from)?;
+        self.app.jobs.cancel(job).map_err(refused)?;
         Ok(Response::new(self.job(job)?))
+    }
+
+    async fn delete_job(
+        &self,
+        request: Request<proto::DeleteJobRequest>,
+    ) -> Result<Response<proto::DeleteJobResponse>, Status> {
+        let job = job_id(&request.into_inner().job_id)?;
+        self.app.jobs.store().delete(job).map_err(refused)?;
+        Ok(Response::new(proto::DeleteJobResponse {}))
+    }
+
+    async fn validate(
+        &self,
+        request: Request<proto::ValidateRequest>,
+    ) -> Result<Response<proto::ValidateResponse>, Status> {
+        let document = Bytes::from(request.into_inner().problem_json);
+        let read = validate(&self.app, Source::Document(document)).await?.read;
+        Ok(Response::new(proto::ValidateResponse {
+            arms: read.problem.workcell.arms.len() as u64,
+            objects: read.problem.objects.len() as u64,
+            name: read.problem.name,
+            problem_digest: read.problem.digest,
+            warnings: read.warnings.iter().map(messages::fault).collect(),
+        }))
+    }
+
+    async fn verify(
+        &self,
+        request: Request<proto::VerifyRequest>,
+    ) -> Result<Response<proto::VerifyResponse>, Status> {
+        let request = request.into_inner();
+        let judged = Judged::Apart { problem: request.problem_json.into(), plan: request.plan_json.into() };
+        let verdict = routes::verdict(&self.app, judged).await?;
+        let verdict_json = serde_json::to_string(&verdict).map_err(|_| ApiError::Internal)?;
+        Ok(Response::new(proto::VerifyResponse { valid: verdict.valid, verdict_json }))
+    }
+
+    async fn put_workcell(
+        &self,
+        request: Request<proto::PutWorkcellRequest>,
+    ) -> Result<Response<proto::Workcell>, Status> {
+        let request = request.into_inner();
+        let (format, bytes) = match request.content {
+            Some(Content::WorkcellJson(text)) => (BundleFormat::Json, Bytes::from(text)),
+            Some(Content::Zip(bytes)) => (BundleFormat::Zip, Bytes::from(bytes)),
+            Some(Content::TarGz(bytes)) => (BundleFormat::TarGz, Bytes::from(bytes)),
+            None => (BundleFormat::Json, Bytes::new()),
+        };
+        let registration = routes::register(&self.app, request.id, format, bytes).await?;
+        let warnings = registration.warnings.iter().map(messages::fault).collect();
+        Ok(Response::new(proto::Workcell { warnings, ..messages::workcell(&registration.registered) }))
+    }
+
+    async fn get_workcell(
+        &self,
+        request: Request<proto::GetWorkcellRequest>,
+    ) -> Result<Response<proto::Workcell>, Status> {
+        let (registered, bundle) = routes::found(&self.app, &request.into_inner().id)?;
+        Ok(Response::new(proto::Workcell {
+            workcell_json: bundle.document.to_string(),
+            files: bundle.files.keys().cloned().collect(),
+            ..messages::workcell(&registered)
+        }))
+    }
+
+    async fn list_workcells(
+        &self,
+        _request: Request<proto::ListWorkcellsRequest>,
+    ) -> Result<Response<proto::ListWorkcellsResponse>, Status> {
+        let registered = self.app.workcells.list().map_err(refused)?;
+        let workcells = registered.iter().map(messages::workcell).collect();
+        Ok(Response::new(proto::ListWorkcellsResponse { workcells }))
+    }
+
+    async fn delete_workcell(
+        &self,
+        request: Request<proto::DeleteWorkcellRequest>,
+    ) -> Result<Response<proto::DeleteWorkcellResponse>, Status> {
+        routes::unregister(&self.app, &request.into_inner().id)?;
+        Ok(Response::new(proto::DeleteWorkcellResponse {}))
+    }
+
+    async fn get_modes(
+        &self,
+        request: Request<proto::GetModesRequest>,
+    ) -> Result<Response<proto::Modes>, Status> {
+        let request = request.into_inner();
+        let size = Some(request.size.as_str()).filter(|size| !size.is_empty());
+        let graph = routes::mode_graph(&self.app, &request.workcell_id, size).await?;
+        Ok(Response::new(proto::Modes { mode_graph_json: graph.to_string() }))
+    }
+
+    async fn get_limits(
+        &self,
+        _request: Request<proto::GetLimitsRequest>,
+    ) -> Result<Response<proto::Limits>, Status> {
+        let limits_json = routes::limits_document(&self.app.config).to_string();
+        Ok(Response::new(proto::Limits { limits_json }))
+    }
+
+    async fn get_version(
+        &self,
+        _request: Request<proto::GetVersionRequest>,
+    ) -> Result<Response<proto::Version>, Status> {
+        let (name, version) = (env!("CARGO_PKG_NAME").to_owned(), env!("CARGO_PKG_VERSION").to_owned());
+        Ok(Response::new(proto::Version { name, version }))
     }
 
     async fn list_scenarios(
         &self,
-        _request: Request<ListScenariosRequest>,
-    ) -> Result<Response<ListScenariosResponse>, Status> {
+        _request: Request<proto::ListScenariosRequest>,
+    ) -> Result<Response<proto::ListScenariosResponse>, Status> {
         let names = crate::scenario::catalog().iter().map(|entry| entry.name.to_owned()).collect();
-        Ok(Response::new(ListScenariosResponse { names }))
+        Ok(Response::new(proto::ListScenariosResponse { names }))
     }
 
-    async fn get_scenario(&self, request: Request<GetScenarioRequest>) -> Result<Response<Scenario>, Status> {
+    async fn get_scenario(
+        &self,
+        request: Request<proto::GetScenarioRequest>,
+    ) -> Result<Response<proto::Scenario>, Status> {
         let name = request.into_inner().name;
         let entry = crate::scenario::find(&name)
             .ok_or_else(|| ApiError::NotFound { what: "scenario of that name".to_owned() })?;
-        Ok(Response::new(Scenario { name, problem_json: entry.text.to_owned() }))
+        Ok(Response::new(proto::Scenario { name, problem_json: entry.text.to_owned() }))
     }
 }

@@ -6,13 +6,15 @@ use axum::body::Body;
 use axum::extract::State;
 use axum::http::{HeaderMap, Uri};
 use axum::response::Response;
+use bytes::Bytes;
 use serde::Serialize;
 use serde_json::Value;
 
 use super::super::body::read_json;
-use super::super::intake::{blocking, validate as read};
+use super::super::intake::{Source, Understood, below, blocking, read_referring, validate as read};
 use super::super::{ApiError, App};
-use crate::wire::{self, Fault, FaultCode, LibraryOnly};
+use crate::verify::Verdict;
+use crate::wire::{self, Fault, FaultCode, ReadProblem};
 
 #[derive(Serialize)]
 struct Validated {
@@ -24,7 +26,8 @@ struct Validated {
     warnings: Vec<Fault>,
 }
 
-/// `POST /v1/validate`: reads the problem in the body; 200 with the warnings, or its faults.
+/// `POST /v1/validate`: reads the problem, or request for a job, in the body; 200 with the warnings,
+/// or its faults.
 pub(super) async fn validate(
     State(app): State<Arc<App>>,
     uri: Uri,
@@ -33,7 +36,8 @@ pub(super) async fn validate(
 ) -> Result<Response, ApiError> {
     let [] = super::query(&uri, [])?;
     let document = read_json(&headers, body, app.config.read_limits.max_bytes).await?;
-    let wire::ReadProblem { problem, warnings } = read(&app, document).await?;
+    let Understood { read: ReadProblem { problem, warnings }, .. } =
+        read(&app, Source::Document(document)).await?;
     Ok(super::json(&Validated {
         valid: true,
         arms: problem.workcell.arms.len(),
@@ -52,20 +56,51 @@ pub(super) async fn verify(
     body: Body,
 ) -> Result<Response, ApiError> {
     let [] = super::query(&uri, [])?;
-    let limits = app.config.read_limits.clone();
     // A problem and a plan, each within the bound.
-    let document = read_json(&headers, body, limits.max_bytes.saturating_mul(2)).await?;
-    let verdict = blocking(&app, move || {
-        let parsed = wire::parse_json(&document).map_err(|fault| ApiError::of_problem(vec![fault]))?;
-        let (problem, plan) = parts(&parsed).map_err(ApiError::InvalidProblem)?;
-        let read = wire::read_problem_value(problem, &LibraryOnly, &limits)
-            .map_err(|faults| ApiError::of_problem(below("/problem", faults)))?;
-        let plan = wire::plan::read_plan_value(plan, &read.problem)
+    let limit = app.config.read_limits.max_bytes.saturating_mul(2);
+    let document = read_json(&headers, body, limit).await?;
+    Ok(super::json(&verdict(&app, Judged::Together(document)).await?))
+}
+
+/// A plan to be judged, and its problem.
+pub enum Judged {
+    /// As `{"problem", "plan"}`.
+    Together(Bytes),
+    /// Each on its own.
+    Apart {
+        /// The problem.
+        problem: Bytes,
+        /// The plan.
+        plan: Bytes,
+    },
+}
+
+/// What the judge says.
+///
+/// # Errors
+/// The faults of problem or plan.
+pub async fn verdict(app: &Arc<App>, judged: Judged) -> Result<Verdict, ApiError> {
+    let shared = Arc::clone(app);
+    blocking(app, move || {
+        let limits = &shared.config.read_limits;
+        let parse = |bytes: &[u8], pointer: &str| {
+            let parsed = wire::parse_json_bounded(bytes, limits.max_json_depth);
+            parsed.map_err(|fault| ApiError::of_problem(below(pointer, vec![fault])))
+        };
+        let (problem, plan) = match judged {
+            Judged::Together(document) => {
+                let mut whole = parse(&document, "")?;
+                parts(&whole).map_err(ApiError::InvalidProblem)?;
+                (whole["problem"].take(), whole["plan"].take())
+            }
+            Judged::Apart { problem, plan } => (parse(&problem, "/problem")?, parse(&plan, "/plan")?),
+        };
+        let (read, _) = read_referring(&shared.workcells, &problem, "/problem", limits)?;
+        let plan = wire::plan::read_plan_value(&plan, &read.problem)
             .map_err(|faults| ApiError::of_plan(below("/plan", faults)))?;
         Ok(crate::verify::verify(&read.problem, &plan))
     })
-    .await?;
-    Ok(super::json(&verdict))
+    .await
 }
 
 /// The two members of the body, and nothing else.
@@ -92,12 +127,4 @@ fn parts(body: &Value) -> Result<(&Value, &Value), Vec<Fault>> {
         (Some(problem), Some(plan)) if faults.is_empty() => Ok((problem, plan)),
         _ => Err(faults),
     }
-}
-
-/// The faults with their pointers moved below `prefix`.
-fn below(prefix: &str, mut faults: Vec<Fault>) -> Vec<Fault> {
-    for fault in &mut faults {
-        fault.pointer.insert_str(0, prefix);
-    }
-    faults
 }

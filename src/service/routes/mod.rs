@@ -1,25 +1,28 @@
 //! The HTTP routes.
 
+mod about;
 mod checks;
 mod health;
 mod jobs;
+mod layers;
 mod plan;
 mod scenarios;
+mod workcells;
 
-use std::any::Any;
+pub(super) use self::about::limits_document;
+pub(super) use self::checks::{Judged, verdict};
+pub(super) use self::jobs::{label_filter, page_size};
+pub(super) use self::workcells::{found, mode_graph, register, unregister};
+
 use std::sync::Arc;
 
 use axum::Router;
 use axum::body::Body;
 use axum::extract::DefaultBodyLimit;
-use axum::http::{HeaderValue, Request, Uri, header};
+use axum::http::{HeaderValue, Uri, header};
 use axum::response::{IntoResponse, Response};
 use axum::routing::{get, post};
 use serde::Serialize;
-use tower_http::catch_panic::CatchPanicLayer;
-use tower_http::request_id::{MakeRequestUuid, PropagateRequestIdLayer, RequestId, SetRequestIdLayer};
-use tower_http::trace::{DefaultOnRequest, DefaultOnResponse, TraceLayer};
-use tracing::Level;
 
 use super::{ApiError, App, grpc};
 
@@ -28,45 +31,34 @@ pub(super) fn router(app: Arc<App>) -> Router {
     let http = Router::new()
         .route("/v1/plan", post(plan::plan))
         .route("/v1/jobs", post(jobs::create).get(jobs::list))
-        .route("/v1/jobs/{id}", get(jobs::get))
+        .route("/v1/jobs/{id}", get(jobs::get).delete(jobs::delete))
         .route("/v1/jobs/{id}/events", get(jobs::events))
+        .route("/v1/jobs/{id}/incumbents", get(jobs::incumbents))
         .route("/v1/jobs/{id}/solutions/{revision}", get(jobs::solution))
         .route("/v1/jobs/{id}/cancel", post(jobs::cancel))
         .route("/v1/validate", post(checks::validate))
         .route("/v1/verify", post(checks::verify))
+        .route("/v1/workcells", get(workcells::list))
+        .route("/v1/workcells/{id}", get(workcells::get).put(workcells::put).delete(workcells::delete))
+        .route("/v1/workcells/{id}/modes", get(workcells::modes))
         .route("/v1/scenarios", get(scenarios::list))
         .route("/v1/scenarios/{*name}", get(scenarios::get))
+        .route("/v1/limits", get(about::limits))
+        .route("/v1/version", get(about::version))
         .route("/livez", get(health::live))
         .route("/readyz", get(health::ready))
+        .route("/metrics", get(about::metrics))
         .method_not_allowed_fallback(async || ApiError::MethodNotAllowed)
         .with_state(Arc::clone(&app));
-    http.merge(grpc::router(app))
+    let routes = http
+        .merge(grpc::router(Arc::clone(&app)))
         .fallback(async |uri: Uri| {
             let shown: String = uri.path().chars().take(100).collect();
             ApiError::NotFound { what: format!("resource {shown}") }
         })
-        // Bodies are bounded where they are read (`body::read_json`, gRPC's message limit).
-        .layer(DefaultBodyLimit::disable())
-        .layer(CatchPanicLayer::custom(answer_panic))
-        .layer(PropagateRequestIdLayer::x_request_id())
-        .layer(
-            TraceLayer::new_for_http()
-                .make_span_with(request_span)
-                .on_request(DefaultOnRequest::new().level(Level::DEBUG))
-                .on_response(DefaultOnResponse::new().level(Level::INFO)),
-        )
-        .layer(SetRequestIdLayer::x_request_id(MakeRequestUuid))
-}
-
-fn answer_panic(panic: Box<dyn Any + Send>) -> Response {
-    let message = panic.downcast_ref::<&str>().copied().unwrap_or_default();
-    tracing::error!(cause = message, "a handler panicked");
-    ApiError::Internal.into_response()
-}
-
-fn request_span(request: &Request<Body>) -> tracing::Span {
-    let id = request.extensions().get::<RequestId>().and_then(|id| id.header_value().to_str().ok());
-    tracing::info_span!("request", method = %request.method(), path = request.uri().path(), id)
+        // Bodies are bounded where they are read (`body`, gRPC's message limit).
+        .layer(DefaultBodyLimit::disable());
+    layers::around(routes, app)
 }
 
 /// A JSON reply that may change from one request to the next.
@@ -89,23 +81,50 @@ fn json_text(text: impl Into<Body>) -> Response {
     response
 }
 
-/// The query's parameters; unknown ones, and ones given twice, are refused.
-fn query<const N: usize>(uri: &Uri, known: [&'static str; N]) -> Result<[Option<String>; N], ApiError> {
-    let mut found = [const { None }; N];
+/// The text that `%XX` stands for in a query.
+fn decoded(text: &str) -> Option<String> {
+    let mut bytes = Vec::with_capacity(text.len());
+    let mut rest = text.bytes();
+    while let Some(byte) = rest.next() {
+        bytes.push(match byte {
+            b'+' => b' ',
+            b'%' => {
+                let digits = [rest.next()?, rest.next()?].map(|digit| char::from(digit).to_digit(16));
+                u8::try_from(digits[0]? * 16 + digits[1]?).ok()?
+            }
+            plain => plain,
+        });
+    }
+    String::from_utf8(bytes).ok().filter(|text| !text.contains('\0'))
+}
+
+/// The query's parameters by name, in the order given; unknown ones are refused.
+fn query_lists<const N: usize>(uri: &Uri, known: [&'static str; N]) -> Result<[Vec<String>; N], ApiError> {
+    let mut found = [const { Vec::new() }; N];
     for pair in uri.query().unwrap_or_default().split('&').filter(|pair| !pair.is_empty()) {
         let (name, value) = pair.split_once('=').unwrap_or((pair, ""));
-        let place = known.iter().position(|known| *known == name).and_then(|index| found.get_mut(index));
         let bad = |message: String| ApiError::BadParameter { name: "query", message };
-        match place {
-            Some(place) if place.is_none() => *place = Some(value.to_owned()),
-            Some(_) => return Err(bad(format!("`{name}` stands twice"))),
-            None => {
-                let shown: String = name.chars().take(50).collect();
-                return Err(bad(format!("`{shown}` is not known here; known are: {}", known.join(", "))));
+        let place = known.iter().position(|known| *known == name).and_then(|index| found.get_mut(index));
+        let shown = || name.chars().take(50).collect::<String>();
+        match (place, decoded(value)) {
+            (Some(place), Some(value)) => place.push(value),
+            (Some(_), None) => return Err(bad(format!("`{}` is not well encoded", shown()))),
+            (None, _) => {
+                return Err(bad(format!("`{}` is not known here; known are: {}", shown(), known.join(", "))));
             }
         }
     }
     Ok(found)
+}
+
+/// The query's parameters; unknown ones, and ones given twice, are refused.
+fn query<const N: usize>(uri: &Uri, known: [&'static str; N]) -> Result<[Option<String>; N], ApiError> {
+    let lists = query_lists(uri, known)?;
+    if let Some(index) = lists.iter().position(|values| values.len() > 1) {
+        let name = known.get(index).copied().unwrap_or_default();
+        return Err(ApiError::BadParameter { name: "query", message: format!("`{name}` stands twice") });
+    }
+    Ok(lists.map(|mut values| values.pop()))
 }
 
 /// A query parameter as a whole number.
@@ -114,4 +133,21 @@ fn whole(name: &'static str, text: Option<&str>) -> Result<Option<u64>, ApiError
         text.parse().map_err(|_| ApiError::BadParameter { name, message: "give a whole number".to_owned() })
     })
     .transpose()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn queries_are_decoded_and_checked() {
+        let uri = |text: &str| format!("/x?{text}").parse::<Uri>().unwrap();
+        let lists = query_lists(&uri("a=1&b=x%2Cy&a=+2"), ["a", "b"]).unwrap();
+        assert_eq!(lists, [vec!["1".to_owned(), " 2".to_owned()], vec!["x,y".to_owned()]]);
+        for bad in ["c=1", "a=%", "a=%zz", "a=%ff", "a=%00"] {
+            assert!(query_lists(&uri(bad), ["a", "b"]).is_err(), "{bad}");
+        }
+        assert!(query(&uri("a=1&a=2"), ["a"]).is_err());
+        assert_eq!(query(&uri("a=1"), ["a", "b"]).unwrap(), [Some("1".to_owned()), None]);
+    }
 }

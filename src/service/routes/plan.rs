@@ -2,14 +2,16 @@
 
 use std::sync::Arc;
 
+use axum::Extension;
 use axum::body::Body;
 use axum::extract::State;
 use axum::http::{HeaderMap, HeaderValue, Uri, header};
 use axum::response::Response;
 
 use super::super::body::read_json;
+use super::super::client::{Client, StreamPermit};
 use super::super::documents::job_path;
-use super::super::intake::accept;
+use super::super::intake::{Source, accept};
 use super::super::negotiation::StreamFormat;
 use super::super::stream::{CancelOnDrop, event_body};
 use super::super::{ApiError, App};
@@ -19,6 +21,7 @@ use crate::jobs::{JobRecord, Subscription};
 /// client leaves, unless `?cancel_on_disconnect=true`.
 pub(super) async fn plan(
     State(app): State<Arc<App>>,
+    Extension(client): Extension<Client>,
     uri: Uri,
     headers: HeaderMap,
     body: Body,
@@ -34,10 +37,12 @@ pub(super) async fn plan(
         }
     };
     let document = read_json(&headers, body, app.config.read_limits.max_bytes).await?;
-    let record = accept(&app, document).await?;
+    let key = super::jobs::idempotency_key(&headers)?;
+    let permit = app.open_stream(&client)?;
+    let record = accept(&app, Source::Document(document), &client, key).await?;
     let guard = CancelOnDrop::new(Arc::clone(&app), record.id, cancel);
     let subscription = app.jobs.subscribe(record.id, 0)?;
-    Ok(event_reply(app, &record, subscription, format, guard))
+    Ok(event_reply(app, &record, subscription, format, guard, permit))
 }
 
 /// The reply that streams a job's events.
@@ -47,8 +52,9 @@ pub(super) fn event_reply(
     subscription: Subscription,
     format: StreamFormat,
     guard: CancelOnDrop,
+    permit: StreamPermit,
 ) -> Response {
-    let mut response = Response::new(event_body(app, subscription, format, guard));
+    let mut response = Response::new(event_body(app, subscription, format, guard, permit));
     let headers = response.headers_mut();
     headers.insert(header::CONTENT_TYPE, HeaderValue::from_static(format.media_type()));
     headers.insert(header::CACHE_CONTROL, HeaderValue::from_static("no-store"));

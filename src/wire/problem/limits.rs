@@ -23,10 +23,16 @@ pub struct ReadLimits {
     pub max_allowed_contacts: usize,
     /// Points of one convex shape, or of one mesh's hull.
     pub max_points: usize,
+    /// Triangles of one mesh file.
+    pub max_triangles: usize,
     /// Length of one URDF or SRDF (bytes).
     pub max_urdf_bytes: usize,
     /// Length of one mesh file (bytes).
     pub max_mesh_bytes: usize,
+    /// Deepest nesting of the document, at most 127.
+    pub max_json_depth: usize,
+    /// The `time_budget_s` of a problem that has none.
+    pub default_time_budget_s: f64,
     /// Greatest `time_budget_s`.
     pub max_time_budget_s: f64,
     /// Greatest `threads`, at most 64.
@@ -48,8 +54,11 @@ impl Default for ReadLimits {
             max_tool_shapes: 100,
             max_allowed_contacts: 10_000,
             max_points: 5000,
+            max_triangles: 500_000,
             max_urdf_bytes: 4 << 20,
             max_mesh_bytes: 32 << 20,
+            max_json_depth: 64,
+            default_time_budget_s: 30.0,
             max_time_budget_s: 3600.0,
             max_threads: 64,
             max_faults: 1000,

@@ -13,6 +13,7 @@ mod placement;
 mod robot;
 mod shape;
 mod statics;
+mod triangles;
 
 pub use limits::ReadLimits;
 
@@ -32,7 +33,7 @@ use crate::problem::{Options, Problem};
 use crate::workcell::{Arm, Workcell};
 
 /// The schema that this version reads.
-const SCHEMA: &str = "quadrille.problem/1";
+pub const SCHEMA: &str = "quadrille.problem/1";
 
 /// The opening of FORMAT's default gripper (m), for cells whose arms could not be read.
 const DEFAULT_OPENING: f64 = 0.10;
@@ -66,7 +67,7 @@ pub fn read_problem(
             ),
         }]);
     }
-    let document = json::parse(bytes).map_err(|fault| vec![fault])?;
+    let document = json::parse_bounded(bytes, limits.max_json_depth).map_err(|fault| vec![fault])?;
     read_problem_value(&document, resources, limits)
 }
 
@@ -104,7 +105,7 @@ fn read_document(document: &Value, context: &mut Context<'_>) -> Option<Problem>
     let objects = fields.required("objects", &mut context.faults);
     let options = match fields.optional("options") {
         Some(node) => options::read_options(&node, context.limits, &mut context.faults),
-        None => Options::default(),
+        None => Options { time_budget_s: context.limits.default_time_budget_s, ..Options::default() },
     };
     let draft = read_parts(workcell, objects, options, &mut fields, context);
     fields.finish(&mut context.faults);

@@ -10,7 +10,7 @@ const MAX_SECONDS: f64 = 1.0e6;
 
 /// The options at `node`; what is absent or at fault has its default.
 pub fn read_options(node: &Node<'_>, limits: &ReadLimits, faults: &mut Faults) -> Options {
-    let mut options = Options::default();
+    let mut options = Options { time_budget_s: limits.default_time_budget_s, ..Options::default() };
     let Some(mut fields) = node.fields(faults) else { return options };
     if let Some(node) = fields.optional("time_budget_s") {
         let range = Range::Positive(limits.max_time_budget_s);

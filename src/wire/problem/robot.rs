@@ -4,7 +4,9 @@ use std::cell::RefCell;
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
+use super::ReadLimits;
 use super::context::Context;
+use super::triangles::announced;
 use crate::kinematics::{
     ArmModel, JointLimits, MeshError, MeshResolver, SrdfError, UrdfError, UrdfWarning, XmlError,
     disabled_group_pairs, library, library_names,
@@ -291,7 +293,7 @@ impl ModelCache {
     }
 
     fn note_again(&mut self, spec: &RobotSpec, mount: &str, mount_pointer: &str, context: &mut Context<'_>) {
-        let meshes = UrdfMeshes::new(context.resources, spec, context.limits.max_mesh_bytes);
+        let meshes = UrdfMeshes::new(context.resources, spec, context.limits);
         let result = ArmModel::from_urdf(&spec.name, &spec.urdf.text, mount, &BTreeMap::new(), &meshes);
         if let Err(error) = result {
             self.note(&error, spec, mount_pointer, &BTreeMap::new(), context);
@@ -307,7 +309,7 @@ impl ModelCache {
         home: &BTreeMap<String, (f64, String)>,
         context: &mut Context<'_>,
     ) -> Option<LoadedModel> {
-        let meshes = UrdfMeshes::new(context.resources, spec, context.limits.max_mesh_bytes);
+        let meshes = UrdfMeshes::new(context.resources, spec, context.limits);
         let mut held = held.clone();
         let mut usable = true;
         let mut left = MAX_UNKNOWN_JOINTS;
@@ -421,12 +423,14 @@ struct UrdfMeshes<'a> {
     resources: &'a dyn Resources,
     spec: &'a RobotSpec,
     max_bytes: usize,
+    max_triangles: usize,
     digests: RefCell<BTreeMap<String, String>>,
 }
 
 impl<'a> UrdfMeshes<'a> {
-    fn new(resources: &'a dyn Resources, spec: &'a RobotSpec, max_bytes: usize) -> Self {
-        Self { resources, spec, max_bytes, digests: RefCell::default() }
+    fn new(resources: &'a dyn Resources, spec: &'a RobotSpec, limits: &ReadLimits) -> Self {
+        let (max_bytes, max_triangles) = (limits.max_mesh_bytes, limits.max_triangles);
+        Self { resources, spec, max_bytes, max_triangles, digests: RefCell::default() }
     }
 
     /// Digest of the URDF and all meshes that it refers to; `None` without meshes.
@@ -454,6 +458,9 @@ impl MeshResolver for UrdfMeshes<'_> {
                     _ => MeshError::Unresolved,
                 },
             )?;
+        if announced(&bytes) > self.max_triangles {
+            return Err(MeshError::TooLarge);
+        }
         self.digests.borrow_mut().insert(uri.to_owned(), sha256(&bytes));
         Ok(bytes)
     }

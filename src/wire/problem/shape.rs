@@ -1,6 +1,7 @@
 //! Shapes.
 
 use super::context::Context;
+use super::triangles::announced;
 use crate::geometry::{PlacedShape, Pose, Shape, Vec3};
 use crate::kinematics::mesh_points;
 use crate::wire::fault::FaultCode;
@@ -85,6 +86,15 @@ fn mesh(fields: &mut Fields<'_>, context: &mut Context<'_>) -> Option<Shape> {
     };
     let uri = node.string(&mut context.faults)?;
     let bytes = context.read_file(&node, resolve_uri(uri, "", &[]), context.limits.max_mesh_bytes)?;
+    let triangles = announced(&bytes);
+    if triangles > context.limits.max_triangles {
+        let message = format!(
+            "the mesh has up to {triangles} triangles, at most {} are taken; simplify it",
+            context.limits.max_triangles
+        );
+        node.fault(&mut context.faults, FaultCode::TooLarge, message);
+        return None;
+    }
     let points = match mesh_points(uri, &bytes, &scale) {
         Ok(points) => points,
         Err(error) => {

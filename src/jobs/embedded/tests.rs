@@ -1,0 +1,257 @@
+use super::*;
+use crate::jobs::{Idempotency, JobState, Progress, RetryCause, Retrying, Terminal, TerminationReason};
+use crate::plan::{Metrics, StepsProof};
+
+fn metrics() -> Metrics {
+    Metrics {
+        duration_s: 2.0,
+        duration_synchronous_s: 2.0,
+        arc_length: 1.0 / 3.0,
+        actions: 2,
+        steps: 2,
+        mode_graph_optimum: None,
+        steps_lower_bound: 2,
+        steps_proof: StepsProof::Ilp,
+        found_after_s: 0.1,
+    }
+}
+
+fn incumbent(revision: u64, bytes: usize) -> EventBody {
+    EventBody::Incumbent(Incumbent { revision, metrics: metrics(), document: "x".repeat(bytes).into() })
+}
+
+fn end() -> EventBody {
+    let reason = TerminationReason::TimeLimit;
+    EventBody::Terminal(Terminal { reason, metrics: Some(metrics()), diagnosis: None })
+}
+
+fn lost(attempt: u32) -> EventBody {
+    let spent = Duration::from_millis(700);
+    EventBody::Retrying(Retrying { attempt, cause: RetryCause::WorkerLost, spent })
+}
+
+fn memory() -> EmbeddedStore {
+    EmbeddedStore::in_memory(Retention::default()).unwrap()
+}
+
+fn new(request: JobRequest) -> NewJob {
+    NewJob { id: JobId::fresh(), created_at: Timestamp::now(), position: 1, request }
+}
+
+fn created(store: &EmbeddedStore) -> JobId {
+    store.create(new(JobRequest::default())).unwrap().id
+}
+
+fn started(store: &EmbeddedStore) -> (JobId, Lease) {
+    let id = created(store);
+    let now = Timestamp::now();
+    let lease = store.lease(id, now, now.plus(Duration::from_secs(9))).unwrap();
+    store.append(id, Some(lease), now, EventBody::Started).unwrap();
+    (id, lease)
+}
+
+fn all(limit: usize) -> ListQuery {
+    ListQuery { limit, ..ListQuery::default() }
+}
+
+#[test]
+fn events_are_numbered_without_gaps_and_the_record_is_their_fold() {
+    let store = memory();
+    let at = Timestamp::now();
+    let job = new(JobRequest { priority: 3, ..JobRequest::default() });
+    let id = store.create(job.clone()).unwrap().id;
+    let lease = store.lease(id, at, at).unwrap();
+    store.append(id, Some(lease), at, EventBody::Started).unwrap();
+    store.append(id, Some(lease), at, incumbent(1, 3)).unwrap();
+    store.append(id, None, at, lost(2)).unwrap();
+    let lease = store.lease(id, at, at).unwrap();
+    store.append(id, Some(lease), at, EventBody::Started).unwrap();
+    store.append(id, Some(lease), at, incumbent(2, 3)).unwrap();
+    // Before and after the end, from memory and from the file.
+    for last in [6, 7] {
+        let events = store.events_after(id, 0, 100).unwrap();
+        assert_eq!(events.iter().map(|event| event.seq).collect::<Vec<_>>(), (1..=last).collect::<Vec<_>>());
+        assert_eq!(store.events_after(id, 3, 1).unwrap()[0].seq, 4);
+        assert!(store.events_after(id, u64::MAX, 1).unwrap().is_empty());
+        let mut folded = JobRecord::new(&job);
+        events.iter().for_each(|event| folded.apply(event));
+        assert_eq!(folded, store.record(id).unwrap());
+        assert_eq!(folded.spent, Duration::from_millis(700));
+        let _ = store.append(id, Some(lease), at, end());
+    }
+    assert_eq!(store.record(id).unwrap().state, JobState::Succeeded);
+    let plan = |revision| store.solution(id, revision).unwrap().map(|found| found.revision);
+    assert_eq!(plan(Revision::Best), Some(2));
+    assert_eq!([1, 2, 3].map(|number| plan(Revision::Number(number))), [Some(1), Some(2), None]);
+    assert_eq!(store.solution(id, Revision::Number(1)).unwrap().unwrap().metrics, metrics());
+}
+
+#[test]
+fn nothing_follows_the_end_and_nothing_comes_out_of_turn() {
+    let store = memory();
+    let at = Timestamp::now();
+    let (id, lease) = started(&store);
+    let refused = |body| {
+        let result = store.append(id, Some(lease), at, body);
+        assert!(matches!(result, Err(StoreError::OutOfTurn { .. })), "{result:?}");
+    };
+    refused(EventBody::Started);
+    refused(EventBody::Queued { position: 1 });
+    let progress = Progress { elapsed_s: 1.0, phase: "search", iterations: 1, steps_lower_bound: None };
+    refused(EventBody::Progress(progress));
+    let late = Terminal { reason: TerminationReason::QueueTimeout, metrics: None, diagnosis: None };
+    refused(EventBody::Terminal(late));
+    refused(lost(3));
+    store.append(id, Some(lease), at, incumbent(2, 1)).unwrap();
+    refused(incumbent(2, 1));
+    store.append(id, Some(lease), at, end()).unwrap();
+    [end(), incumbent(3, 1), EventBody::Started, lost(2)].into_iter().for_each(refused);
+    let stranger = JobId::fresh();
+    assert_eq!(store.append(stranger, None, at, end()).unwrap_err(), StoreError::UnknownJob(stranger));
+}
+
+#[test]
+fn a_later_attempt_fences_off_the_earlier() {
+    let store = memory();
+    let at = Timestamp::now();
+    let (id, first) = started(&store);
+    assert_eq!(store.lease(id, at, at), Err(StoreError::Leased(id)));
+    assert!(store.abandoned(at).unwrap().is_empty());
+    store.append(id, None, at, lost(2)).unwrap();
+    let fenced = StoreError::Fenced { job: id, attempt: 1 };
+    assert_eq!(store.append(id, Some(first), at, incumbent(1, 1)).unwrap_err(), fenced);
+    assert_eq!(store.renew(first, at, at), Err(fenced.clone()));
+    let second = store.lease(id, at, at).unwrap();
+    assert_eq!(second.attempt, 2);
+    store.append(id, Some(second), at, EventBody::Started).unwrap();
+    assert_eq!(store.append(id, Some(first), at, end()).unwrap_err(), fenced);
+    store.append(id, Some(second), at, incumbent(1, 1)).unwrap();
+    store.renew(second, at, at).unwrap();
+}
+
+#[test]
+fn the_file_remembers_and_leases_of_an_earlier_process_are_void() {
+    let folder = tempfile::tempdir().unwrap();
+    let open = || EmbeddedStore::open(folder.path(), Retention::default()).unwrap();
+    let store = open();
+    assert!(EmbeddedStore::open(folder.path(), Retention::default()).is_err(), "one process at a time");
+    let request = JobRequest {
+        problem: b"{\"a\": 1}"[..].into(),
+        workcell: Some("sha256:1".to_owned()),
+        warm_start: Some("{}".into()),
+        labels: [("line".to_owned(), "7".to_owned())].into(),
+        priority: -2,
+        queue_ttl: Some(Duration::from_secs(5)),
+        client: "a".to_owned(),
+        idempotency: Some(Idempotency { key: "k".to_owned(), digest: "d".to_owned() }),
+    };
+    let waiting = store.create(new(request.clone())).unwrap().id;
+    let (running, lease) = started(&store);
+    store.append(running, Some(lease), Timestamp::now(), incumbent(1, 5)).unwrap();
+    let alive = Timestamp::now().plus(Duration::from_secs(100));
+    store.renew(lease, alive, alive).unwrap();
+    let ended = started(&store);
+    store.append(ended.0, Some(ended.1), Timestamp::now(), end()).unwrap();
+    let before: Vec<JobRecord> = store.list(&all(10)).unwrap();
+    drop(store);
+
+    let store = open();
+    assert_eq!(store.list(&all(10)).unwrap(), before);
+    assert_eq!(store.request(waiting).unwrap(), request);
+    assert_eq!(store.keyed("k").unwrap(), Some((waiting, "d".to_owned())));
+    let abandoned = store.abandoned(Timestamp::now()).unwrap();
+    assert_eq!(abandoned.iter().map(|(job, at)| (job.id, *at)).collect::<Vec<_>>(), [(running, alive)]);
+    assert_eq!(store.waiting().unwrap().iter().map(|job| job.id).collect::<Vec<_>>(), [waiting]);
+    assert_eq!(store.events_after(running, 0, 9).unwrap().len(), 3);
+    let late = store.append(running, Some(lease), Timestamp::now(), end());
+    assert_eq!(late.unwrap_err(), StoreError::Fenced { job: running, attempt: 1 });
+    assert_eq!(&*store.solution(running, Revision::Best).unwrap().unwrap().document, "xxxxx");
+}
+
+#[test]
+fn an_idempotency_key_belongs_to_one_job_for_as_long_as_that_is_kept() {
+    let store = memory();
+    let keyed = |digest: &str| {
+        let idempotency = Some(Idempotency { key: "k".to_owned(), digest: digest.to_owned() });
+        new(JobRequest { idempotency, ..JobRequest::default() })
+    };
+    let first = store.create(keyed("d")).unwrap().id;
+    let taken = StoreError::KeyTaken { job: first, digest: "d".to_owned() };
+    assert_eq!(store.create(keyed("other")).unwrap_err(), taken);
+    assert_eq!(store.list(&all(10)).unwrap().len(), 1);
+    assert_eq!(store.delete(first), Err(StoreError::NotEnded(first)));
+    let cancelled = Terminal { reason: TerminationReason::ClientCancel, metrics: None, diagnosis: None };
+    store.append(first, None, Timestamp::now(), EventBody::Terminal(cancelled)).unwrap();
+    store.delete(first).unwrap();
+    assert_eq!(store.delete(first), Err(StoreError::UnknownJob(first)));
+    assert_eq!(store.keyed("k").unwrap(), None);
+    store.create(keyed("other")).unwrap();
+}
+
+#[test]
+fn ended_jobs_are_forgotten_oldest_first_and_open_ones_never() {
+    let retention = Retention { jobs: 3, plan_bytes: 100, ..Retention::default() };
+    let store = EmbeddedStore::in_memory(retention).unwrap();
+    let (running, _) = started(&store);
+    let mut at = Timestamp::now();
+    let ended: Vec<JobId> = (0..5)
+        .map(|_| {
+            at = at.plus(Duration::from_secs(1));
+            let (id, lease) = started(&store);
+            store.append(id, Some(lease), at, incumbent(1, 40)).unwrap();
+            store.append(id, Some(lease), at, end()).unwrap();
+            id
+        })
+        .collect();
+    // Three by number, two by bytes.
+    let kept = || store.list(&all(10)).unwrap().iter().map(|record| record.id).collect::<Vec<_>>();
+    assert_eq!(kept(), [ended[4], ended[3], running]);
+    let older = ListQuery { before: Some(ended[3]), ..all(10) };
+    assert_eq!(store.list(&older).unwrap().len(), 1);
+    assert_eq!(store.events_after(ended[0], 0, 1).unwrap_err(), StoreError::UnknownJob(ended[0]));
+    store.sweep(at.plus(Duration::from_secs(7 * 24 * 3600))).unwrap();
+    assert_eq!(kept().len(), 2, "the one that is a second older is gone");
+    store.sweep(at.plus(Duration::from_secs(30 * 24 * 3600))).unwrap();
+    assert_eq!(kept(), [running]);
+}
+
+#[test]
+fn old_events_are_trimmed_and_the_best_plan_never() {
+    let retention = Retention { job_events: 10, job_plan_bytes: 100, ..Retention::default() };
+    for (bytes, kept) in [(1, 10), (30, 3), (1000, 1)] {
+        let store = EmbeddedStore::in_memory(retention).unwrap();
+        let (id, lease) = started(&store);
+        for revision in 1..=80 {
+            store.append(id, Some(lease), Timestamp::now(), incumbent(revision, bytes)).unwrap();
+        }
+        store.append(id, Some(lease), Timestamp::now(), end()).unwrap();
+        let events = store.events_after(id, 0, 1000).unwrap();
+        assert_eq!(events.len(), kept + 1, "{bytes}");
+        let record = store.record(id).unwrap();
+        assert_eq!((record.trimmed + 1, record.last_seq), (events[0].seq, 83));
+        assert_eq!(store.solution(id, Revision::Best).unwrap().unwrap().revision, 80);
+        assert!(store.solution(id, Revision::Number(1)).unwrap().is_none());
+    }
+}
+
+#[test]
+fn lists_are_filtered_by_state_and_label() {
+    let store = memory();
+    let labelled = |value: &str| {
+        let labels = [("line".to_owned(), value.to_owned())].into();
+        store.create(new(JobRequest { labels, ..JobRequest::default() })).unwrap().id
+    };
+    let (seven, eight) = (labelled("7"), labelled("8"));
+    let (running, _) = started(&store);
+    let found = |states: &[JobState], labels: &[(&str, Option<&str>)]| {
+        let labels =
+            labels.iter().map(|(key, value)| ((*key).to_owned(), value.map(str::to_owned))).collect();
+        let query = ListQuery { states: states.to_vec(), labels, ..all(10) };
+        store.list(&query).unwrap().iter().map(|record| record.id).collect::<Vec<_>>()
+    };
+    assert_eq!(found(&[], &[]), [running, eight, seven]);
+    assert_eq!(found(&[JobState::Running, JobState::Failed], &[]), [running]);
+    assert_eq!(found(&[], &[("line", None)]), [eight, seven]);
+    assert_eq!(found(&[JobState::Queued], &[("line", Some("7"))]), [seven]);
+    assert!(found(&[JobState::Running], &[("line", None)]).is_empty());
+}
