@@ -34,6 +34,16 @@ pub enum UrdfError {
         /// What was expected.
         expected: &'static str,
     },
+    /// Two readers of the same text differ.
+    #[error(
+        "{place}: two readers do not agree on its {what}; write it in the plainest way that the URDF format has"
+    )]
+    Disputed {
+        /// The element.
+        place: String,
+        /// In what they differ.
+        what: &'static str,
+    },
     /// A number is NaN or infinite.
     #[error("{place}: \"{text}\" is not finite")]
     NotFinite {
@@ -226,6 +236,12 @@ pub enum UrdfWarning {
         link: String,
         /// The mesh's URI.
         uri: String,
+    },
+    /// The second reader does not read the text, so that nothing confirms the first.
+    #[error("read by one of two readers only, the other says: {why}")]
+    ReadOnce {
+        /// What the second reader says (cut short).
+        why: String,
     },
     /// A joint of the chain cannot move.
     #[error("joint \"{joint}\" has equal lower and upper limits and cannot move")]

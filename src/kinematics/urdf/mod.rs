@@ -6,6 +6,7 @@
 mod document;
 mod error;
 mod mesh;
+mod second_reading;
 mod shapes;
 mod tree;
 
@@ -58,7 +59,7 @@ impl ArmModel {
                 closest: closest_names(mount_link, robot.links.iter().map(|link| link.name.as_str())),
             }
         })?;
-        let mut warnings = Vec::new();
+        let mut warnings: Vec<UrdfWarning> = second_reading::compare(urdf_xml, &robot)?.into_iter().collect();
         let chain = chain_joints(&robot, &tree, mount)?;
         if chain.is_empty() {
             return Err(UrdfError::NoMovableJoint { mount: cut(mount_link) });

@@ -154,6 +154,29 @@ fn faults_have_their_own_errors() {
 }
 
 #[test]
+fn two_readers_must_agree() {
+    let arm = |version: &str, origin: &str, limit: &str| {
+        format!(
+            r#"<robot name="r"{version}><link name="base"/><link name="tip"><visual><geometry>
+            <sphere radius="a ball"/></geometry></visual></link>
+            <joint name="turn" type="revolute"><origin {origin}/><parent link="base"/><child link="tip"/>
+            <axis xyz="0 0 1"/><limit lower="-1" upper="1" effort="1" {limit}/></joint></robot>"#
+        )
+    };
+    let (rpy, speed) = (r#"xyz="0 0 1" rpy="0 0 1.5""#, r#"velocity="1""#);
+    // What no arm is made of is not read at all.
+    let (_, warnings) = load(&arm("", rpy, speed), "tip").unwrap();
+    assert_eq!(warnings, vec![]);
+    // Only newer readers know quaternions: an old one would stand the arm up otherwise.
+    let quaternion = r#"xyz="0 0 1" quat_xyzw="0 0 0.6 0.8""#;
+    let found = fault(&arm(r#" version="1.1""#, quaternion, speed), "tip");
+    assert!(matches!(&found, UrdfError::Disputed { what: "origin", .. }), "{found:?}");
+    // The second reader asks for a speed limit, which may come from elsewhere.
+    let (_, warnings) = load(&arm("", rpy, ""), "tip").unwrap();
+    assert!(matches!(warnings.as_slice(), [UrdfWarning::ReadOnce { .. }]), "{warnings:?}");
+}
+
+#[test]
 fn a_mesh_counts_as_its_hull_with_a_warning() {
     struct Tetrahedron;
     impl MeshResolver for Tetrahedron {
