@@ -127,7 +127,8 @@ const MOST_PENALTY: u32 = 64;
 /// the other objects.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Tolls {
-    actions: Vec<(Move, u32)>,
+    /// By object.
+    actions: Vec<Vec<(Move, u32)>>,
     arms: Vec<u32>,
     pairs: Vec<Pair>,
     blocks: Vec<Block>,
@@ -164,9 +165,14 @@ impl Tolls {
             return tolls;
         }
         tolls.arms = vec![0; network.node_count()];
+        tolls.actions = vec![Vec::new(); network.object_count()];
         for cut in cuts.active() {
             match cut.kind {
-                CutKind::Action(action) => tolls.actions.push((action, cut.penalty)),
+                CutKind::Action(action) => {
+                    if let Some(own) = tolls.actions.get_mut(action.object) {
+                        own.push((action, cut.penalty));
+                    }
+                }
                 CutKind::Arm(arm) => {
                     if let Some(penalty) = tolls.arms.get_mut(arm.0) {
                         *penalty += cut.penalty;
@@ -231,17 +237,11 @@ impl Tolls {
         paid.map(|block| u64::from(block.penalty)).sum()
     }
 
-    /// The pairs of objects of which one blocks the other in the routes entered.
-    pub(super) fn blocked(&self) -> impl Iterator<Item = (usize, usize)> + '_ {
-        let both = |block: &&Block| block.happens.iter().zip(&block.is_there).any(|(a, b)| *a > 0 && *b > 0);
-        self.blocks.iter().filter(both).map(|block| (block.action.object, block.by))
-    }
-
     /// What a move costs in `step`, given the routes entered.
     pub(super) fn of_move(&self, object: usize, from: usize, to: usize, step: usize) -> u64 {
         let mut sum = u64::from(self.arms[from]) + u64::from(self.arms[to]);
         let same = |action: &Move| action.object == object && action.from.0 == from && action.to.0 == to;
-        for (action, penalty) in &self.actions {
+        for (action, penalty) in self.actions.get(object).into_iter().flatten() {
             if same(action) {
                 sum += u64::from(*penalty);
             }

@@ -5,7 +5,7 @@ use super::instance::{InstanceError, NodeId};
 use super::memo::Memo;
 use super::network::Network;
 use super::solution::{Answer, Certificate, Infeasible, Move, Solution};
-use super::solver::{Effort, solve};
+use super::solver::{Effort, solve_near};
 use crate::run::{Control, Seed};
 
 /// The first action in a plan in which an arm takes part.
@@ -108,7 +108,9 @@ impl Guidance for Smart {
         let answer = match memo.find(network, state, cuts) {
             Some(answer) => answer,
             None => {
-                let answer = solve(network, state, cuts, &self.effort, self.seed, control)?;
+                let hint = if cuts.is_empty() { None } else { memo.hint(network, state) };
+                let hint = hint.as_ref();
+                let answer = solve_near(network, state, cuts, &self.effort, self.seed, control, hint)?;
                 memo.keep(state, &answer, cuts);
                 answer
             }

@@ -17,7 +17,12 @@ pub struct Memo {
     dead: BTreeMap<ModeState, Infeasible>,
     cuts: Vec<Cut>,
     tolled: BTreeMap<ModeState, Entry>,
+    /// The latest plans under any cuts.
+    hints: BTreeMap<ModeState, Entry>,
 }
+
+/// States for which a plan under other cuts is remembered.
+const MOST_HINTS: usize = 4000;
 
 #[derive(Debug, Clone)]
 struct Entry {
@@ -74,6 +79,14 @@ impl Memo {
         Some(Answer::Solved(Solution { start: state.to_vec(), steps, weight }, certificate))
     }
 
+    /// A plan from `state` that was good under some cuts, or under none.
+    pub(super) fn hint(&self, network: &Network, state: &[NodeId]) -> Option<Solution> {
+        let entry = self.hints.get(state).or_else(|| self.free.get(state))?;
+        let steps = entry.plan.steps.get(entry.offset..)?.to_vec();
+        let weight = network.weight_of_steps(&steps);
+        Some(Solution { start: state.to_vec(), steps, weight })
+    }
+
     /// Remembers `answer` to `state` under `cuts`, for every state on its way. A state keeps its
     /// shorter plan, and of two equal ones the proved one.
     pub fn keep(&mut self, state: &[NodeId], answer: &Answer, cuts: &Cuts) {
@@ -92,6 +105,12 @@ impl Memo {
                         lower_bound: certificate.lower_bound.saturating_sub(offset),
                         proof: certificate.proof,
                     };
+                    if !cuts.is_empty() {
+                        if self.hints.len() >= MOST_HINTS {
+                            self.hints.clear();
+                        }
+                        self.hints.insert(state.clone(), entry.clone());
+                    }
                     let old = known.get(&state);
                     let better = old.is_none_or(|old| {
                         (entry.left(), entry.proof == Proof::None) < (old.left(), old.proof == Proof::None)

@@ -112,14 +112,12 @@ impl<'a> Repair<'a> {
                 return;
             }
             self.chosen.clear();
-            let blocked: Vec<(usize, usize)> = self.tolls.blocked().collect();
-            if round % 2 == 0
-                && let Some(&(object, by)) = blocked.choose(&mut self.rng)
-            {
-                self.chosen.extend([object, by]);
-                let third = self.rng.random_range(0..count);
-                if self.rng.random() && !self.chosen.contains(&third) {
-                    self.chosen.push(third);
+            let payers = if round % 2 == 0 { self.payers() } else { Vec::new() };
+            if !payers.is_empty() {
+                self.chosen.extend(payers.choose_multiple(&mut self.rng, 2));
+                let another = self.rng.random_range(0..count);
+                if self.rng.random() && !self.chosen.contains(&another) {
+                    self.chosen.push(another);
                 }
             } else if round < count {
                 self.chosen.push(round);
@@ -194,16 +192,26 @@ impl<'a> Repair<'a> {
 
     /// Sum of the tolls of all routes; a pair, and a block, counts at both its sides.
     fn toll(&self) -> u64 {
+        (0..self.routes.len()).map(|object| self.toll_of(object)).sum()
+    }
+
+    fn toll_of(&self, object: usize) -> u64 {
         let mut sum = 0;
-        for (object, route) in self.routes.iter().enumerate() {
-            for (step, ends) in route.windows(2).enumerate() {
-                sum += self.tolls.of_presence(object, ends[0] as usize, step);
-                if ends[0] != ends[1] {
-                    sum += self.tolls.of_move(object, ends[0] as usize, ends[1] as usize, step);
-                }
+        for (step, ends) in self.routes[object].windows(2).enumerate() {
+            sum += self.tolls.of_presence(object, ends[0] as usize, step);
+            if ends[0] != ends[1] {
+                sum += self.tolls.of_move(object, ends[0] as usize, ends[1] as usize, step);
             }
         }
         sum
+    }
+
+    /// The objects whose routes are tolled.
+    fn payers(&self) -> Vec<usize> {
+        if self.tolls.is_empty() {
+            return Vec::new();
+        }
+        (0..self.routes.len()).filter(|&object| self.toll_of(object) > 0).collect()
     }
 
     /// The objects to plan again: those on a contested cell, then some that use the same arms at

@@ -13,6 +13,7 @@ use super::program::{Commodities, Outcome, decide};
 use super::relaxation::Relaxation;
 use super::repair::Repair;
 use super::solution::{Answer, Certificate, Infeasible, Proof, Solution};
+use super::timetable::Route;
 use crate::run::{Control, Seed};
 
 /// How hard a solver tries. All limits count work, never time, so that the same call gives the
@@ -92,6 +93,20 @@ pub fn solve(
     seed: Seed,
     control: &Control,
 ) -> Result<Answer, InstanceError> {
+    solve_near(network, state, cuts, effort, seed, control, None)
+}
+
+/// [`solve`]; under cuts the plan `hint` from the same state, where there is one, is changed to
+/// avoid them rather than a new one made.
+pub(super) fn solve_near(
+    network: &Network,
+    state: &[NodeId],
+    cuts: &Cuts,
+    effort: &Effort,
+    seed: Seed,
+    control: &Control,
+    hint: Option<&Solution>,
+) -> Result<Answer, InstanceError> {
     network.instance().validate_state(state)?;
     if network.instance().is_solved(state) {
         let nothing = Solution { start: state.to_vec(), ..Solution::default() };
@@ -122,6 +137,7 @@ pub fn solve(
         exhaustive: Exhaustive::new(network),
         states: effort.states,
         best: None,
+        hint,
     };
     Ok(run.solve())
 }
@@ -154,6 +170,7 @@ struct Run<'a> {
     /// What is left for the exhaustive search.
     states: usize,
     best: Option<Solution>,
+    hint: Option<&'a Solution>,
 }
 
 impl Run<'_> {
@@ -366,6 +383,10 @@ impl Run<'_> {
 
     /// The plan with the least sum of steps and penalties that is found at a few horizons.
     fn under_cuts(&mut self) {
+        if let Some(hint) = self.hint {
+            self.away_from_cuts(hint);
+            return;
+        }
         let longest = 4 * (self.lower + 2 * self.network.object_count() + 4);
         let mut horizon = self.lower;
         let mut least = u64::MAX;
@@ -373,20 +394,50 @@ impl Run<'_> {
             for shuffled in [false, true] {
                 self.repair.all_slots(shuffled);
                 if self.repair.begin(horizon, self.cuts, shuffled)
-                    && self.repair.run(self.effort.first_rounds, self.control)
+                    && self.mend(self.effort.first_rounds, horizon)
                 {
                     self.repair.polish(self.effort.polish_rounds, self.control);
-                    let found = self.repair.solution();
-                    let cost = found.steps.len() as u64 + self.cuts.penalty(&found.start, &found.steps);
-                    if cost < least {
-                        least = cost;
-                        self.best = Some(found);
-                    }
+                    self.keep_cheapest(&mut least);
                 }
             }
             horizon += 1 + (horizon - self.lower) / 4;
         }
     }
+
+    /// Changes the routes of a known plan, at its own and at a few longer horizons.
+    fn away_from_cuts(&mut self, hint: &Solution) {
+        let steps = hint.steps.len();
+        let mut least = steps as u64 + self.cuts.penalty(&hint.start, &hint.steps);
+        self.best = Some(hint.clone());
+        self.repair.all_slots(true);
+        for horizon in [steps, steps + 1, steps + 2, steps + 4] {
+            if least <= horizon as u64 || self.control.should_stop() {
+                return;
+            }
+            self.repair.take_over(routes_of(hint, horizon), self.cuts);
+            let rounds = self.affordable(3 * self.effort.polish_rounds, 3, horizon);
+            self.repair.polish(rounds, self.control);
+            self.keep_cheapest(&mut least);
+        }
+    }
+
+    fn keep_cheapest(&mut self, least: &mut u64) {
+        let found = self.repair.solution();
+        let cost = found.steps.len() as u64 + self.cuts.penalty(&found.start, &found.steps);
+        if cost < *least {
+            *least = cost;
+            self.best = Some(found);
+        }
+    }
+}
+
+/// The routes of the objects in `plan`, which rest at its end until `horizon`.
+fn routes_of(plan: &Solution, horizon: usize) -> Vec<Route> {
+    let states = plan.states();
+    let last = states.len() - 1;
+    (0..plan.start.len())
+        .map(|object| (0..=horizon).map(|step| states[step.min(last)][object].0 as u16).collect())
+        .collect()
 }
 
 fn answer(best: Option<Solution>, lower_bound: usize, proof: Proof, cuts: &Cuts) -> Answer {
