@@ -12,6 +12,7 @@ mod modes;
 mod plan;
 mod scenario;
 mod serve;
+mod settings;
 mod verify;
 
 use std::io;
@@ -52,7 +53,7 @@ enum Command {
     /// Problems of the benchmark families
     Scenario(scenario::Arguments),
     /// Run the service
-    Serve(serve::Arguments),
+    Serve(Box<serve::Arguments>),
     /// Ask a running service whether it is ready
     Health(health::Arguments),
 }
@@ -81,6 +82,9 @@ enum CliError {
     /// No scenario can be made like this.
     #[error(transparent)]
     Scenario(ScenarioError),
+    /// The settings of the service cannot be used.
+    #[error("settings: {0}")]
+    Settings(settings::SettingsError),
     /// The service could not be started, or failed.
     #[error("{0}: {1}")]
     Service(String, io::Error),
@@ -95,7 +99,7 @@ pub fn main() -> ExitCode {
         Command::Verify(arguments) => verify::run(&arguments),
         Command::Modes(arguments) => modes::run(&arguments),
         Command::Scenario(arguments) => scenario::run(&arguments),
-        Command::Serve(arguments) => serve::run(&arguments),
+        Command::Serve(arguments) => serve::run(*arguments),
         Command::Health(arguments) => Ok(health::run(&arguments)),
     };
     match answer {

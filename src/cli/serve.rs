@@ -1,57 +1,55 @@
 //! `quadrille serve`: runs the service until it is told to stop.
 
 use std::net::SocketAddr;
+use std::path::PathBuf;
 use std::sync::Arc;
-use std::time::Duration;
 
 use tokio::net::TcpListener;
 use tokio_util::sync::CancellationToken;
 
-use super::{Answer, CliError, budget};
+use super::settings::Settings;
+use super::{Answer, CliError};
 use crate::jobs::SmartPlanner;
 use crate::service::{self, ServiceConfig};
 
-/// Arguments of `serve`.
+/// Arguments of `serve`. Settings come from the file, then the environment, then flags.
 #[derive(Debug, clap::Args)]
 pub(super) struct Arguments {
-    /// Address and port for HTTP and gRPC; port 0 takes a free one
-    #[arg(long, default_value = "127.0.0.1:8080", env = "QUADRILLE_LISTEN")]
-    listen: SocketAddr,
-    /// Planner threads [default: one less than there are processors, at least 1]
-    #[arg(long, env = "QUADRILLE_WORKERS", value_parser = clap::value_parser!(u64).range(1..=1024))]
-    workers: Option<u64>,
-    /// Most jobs that wait for a planner thread
-    #[arg(long, default_value_t = 64, env = "QUADRILLE_QUEUE_LIMIT")]
-    queue_limit: usize,
-    /// How long a shutdown waits for what is under way
-    #[arg(long, default_value = "10s", env = "QUADRILLE_DRAIN", value_parser = budget::parse)]
-    drain: Duration,
+    /// Settings file, TOML; its keys are the long flags with underscores
+    #[arg(long, env = "QUADRILLE_CONFIG")]
+    config: Option<PathBuf>,
+    #[command(flatten)]
+    settings: Settings,
 }
 
-pub(super) fn run(arguments: &Arguments) -> Result<Answer, CliError> {
-    let mut config = ServiceConfig { drain: arguments.drain, ..ServiceConfig::default() };
-    config.jobs.queue_limit = arguments.queue_limit;
-    if let Some(workers) = arguments.workers.and_then(|workers| usize::try_from(workers).ok()) {
-        config.jobs.workers = workers;
-    }
+pub(super) fn run(arguments: Arguments) -> Result<Answer, CliError> {
+    let settings = match &arguments.config {
+        Some(path) => arguments.settings.over_file(path).map_err(CliError::Settings)?,
+        None => arguments.settings,
+    };
+    let config = settings.config().map_err(CliError::Settings)?;
     let runtime = tokio::runtime::Builder::new_multi_thread()
         .enable_all()
         .build()
         .map_err(|error| CliError::Service("no runtime".to_owned(), error))?;
-    runtime.block_on(serve(arguments.listen, config))
+    let answer = runtime.block_on(serve(settings.address(), config));
+    // What a stuck planner thread holds is not waited for: the process ends with it.
+    runtime.shutdown_background();
+    answer
 }
 
 async fn serve(listen: SocketAddr, config: ServiceConfig) -> Result<Answer, CliError> {
     let named = |error| CliError::Service(listen.to_string(), error);
     let listener = TcpListener::bind(listen).await.map_err(named)?;
     let address = listener.local_addr().map_err(named)?;
+    let data_dir =
+        config.data_dir.as_ref().map_or("none, all is in memory".into(), |path| path.to_string_lossy());
     tracing::info!(
         %address,
-        workers = config.jobs.workers,
-        queue_limit = config.jobs.queue_limit,
-        max_body_bytes = config.read_limits.max_bytes,
-        max_time_budget_s = config.read_limits.max_time_budget_s,
+        %data_dir,
         drain_s = config.drain.as_secs_f64(),
+        keep_alive_s = config.keep_alive.as_secs_f64(),
+        limits = %service::limits_document(&config),
         "listening"
     );
     // For whoever started us with port 0.

@@ -145,6 +145,32 @@ impl ProblemDocument {
 }
 
 impl ApiError {
+    /// Every code that a refusal may have.
+    pub const CODES: [&'static str; 22] = [
+        "invalid_json",
+        "invalid_problem",
+        "goal_unreachable",
+        "invalid_plan",
+        "too_large",
+        "body_timeout",
+        "body_broken",
+        "unsupported_media_type",
+        "not_acceptable",
+        "bad_parameter",
+        "not_found",
+        "no_solution",
+        "method_not_allowed",
+        "too_many_jobs",
+        "queue_full",
+        "too_many_streams",
+        "bad_bundle",
+        "idempotency_mismatch",
+        "job_not_ended",
+        "workcells_full",
+        "unavailable",
+        "internal",
+    ];
+
     /// The refusal of a problem document with these faults.
     pub fn of_problem(faults: Vec<Fault>) -> Self {
         let all = |code| faults.iter().all(|fault| fault.code == code);

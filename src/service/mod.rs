@@ -12,6 +12,7 @@ mod grpc;
 mod intake;
 mod mode_graph;
 mod negotiation;
+mod openapi;
 mod routes;
 mod stream;
 mod workcells;
@@ -20,6 +21,8 @@ pub use config::ServiceConfig;
 pub use error::{ApiError, PROBLEM_JSON, PROBLEM_METADATA};
 pub use grpc::proto;
 pub use mode_graph::document as mode_graph_document;
+pub use openapi::{document as openapi_document, standalone as json_schemas};
+pub use routes::limits_document;
 pub use workcells::{
     ArchiveError, ArchiveLimits, Bundle, BundleError, Files, RegistryError, unpack_tar_gz, unpack_zip,
 };

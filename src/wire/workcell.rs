@@ -12,8 +12,8 @@ use crate::workcell::Workcell;
 pub struct ReadWorkcell {
     /// The workcell.
     pub workcell: std::sync::Arc<Workcell>,
-    /// `sha256:...`, of a problem that holds this workcell and nothing else: it counts what files and
-    /// the library hold, not what they are called.
+    /// `sha256:...` over the canonical document: it counts what files and the library hold, not what
+    /// they are called.
     pub digest: String,
     /// What was assumed or decided on the way.
     pub warnings: Vec<Fault>,
@@ -33,7 +33,7 @@ pub fn read_workcell_value(
     let read = read_problem_value(&empty, resources, limits).map_err(below)?;
     Ok(ReadWorkcell {
         workcell: read.problem.workcell,
-        digest: read.problem.digest,
+        digest: read.problem.workcell_digest,
         warnings: below(read.warnings),
     })
 }

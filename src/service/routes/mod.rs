@@ -2,16 +2,19 @@
 
 mod about;
 mod checks;
+mod docs;
 mod health;
 mod jobs;
 mod layers;
 mod plan;
 mod scenarios;
+mod table;
 mod workcells;
 
-pub(super) use self::about::limits_document;
+pub use self::about::limits_document;
 pub(super) use self::checks::{Judged, verdict};
 pub(super) use self::jobs::{label_filter, page_size};
+pub(super) use self::table::{Operation, table};
 pub(super) use self::workcells::{found, mode_graph, register, unregister};
 
 use std::sync::Arc;
@@ -21,35 +24,18 @@ use axum::body::Body;
 use axum::extract::DefaultBodyLimit;
 use axum::http::{HeaderValue, Uri, header};
 use axum::response::{IntoResponse, Response};
-use axum::routing::{get, post};
 use serde::Serialize;
 
 use super::{ApiError, App, grpc};
 
 /// All routes, gRPC included.
 pub(super) fn router(app: Arc<App>) -> Router {
-    let http = Router::new()
-        .route("/v1/plan", post(plan::plan))
-        .route("/v1/jobs", post(jobs::create).get(jobs::list))
-        .route("/v1/jobs/{id}", get(jobs::get).delete(jobs::delete))
-        .route("/v1/jobs/{id}/events", get(jobs::events))
-        .route("/v1/jobs/{id}/incumbents", get(jobs::incumbents))
-        .route("/v1/jobs/{id}/solutions/{revision}", get(jobs::solution))
-        .route("/v1/jobs/{id}/cancel", post(jobs::cancel))
-        .route("/v1/validate", post(checks::validate))
-        .route("/v1/verify", post(checks::verify))
-        .route("/v1/workcells", get(workcells::list))
-        .route("/v1/workcells/{id}", get(workcells::get).put(workcells::put).delete(workcells::delete))
-        .route("/v1/workcells/{id}/modes", get(workcells::modes))
-        .route("/v1/scenarios", get(scenarios::list))
-        .route("/v1/scenarios/{*name}", get(scenarios::get))
-        .route("/v1/limits", get(about::limits))
-        .route("/v1/version", get(about::version))
-        .route("/livez", get(health::live))
-        .route("/readyz", get(health::ready))
-        .route("/metrics", get(about::metrics))
-        .method_not_allowed_fallback(async || ApiError::MethodNotAllowed)
-        .with_state(Arc::clone(&app));
+    let mut http = Router::new();
+    for route in table() {
+        http = http.route(route.path, route.methods);
+    }
+    let http =
+        http.method_not_allowed_fallback(async || ApiError::MethodNotAllowed).with_state(Arc::clone(&app));
     let routes = http
         .merge(grpc::router(Arc::clone(&app)))
         .fallback(async |uri: Uri| {
