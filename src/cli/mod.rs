@@ -7,6 +7,7 @@
 mod budget;
 mod health;
 mod input;
+mod interrupt;
 mod logging;
 mod modes;
 mod plan;

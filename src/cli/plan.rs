@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 
 use clap::ValueEnum;
 
-use super::{Answer, CliError, budget, input};
+use super::{Answer, CliError, budget, input, interrupt};
 use crate::plan::Metrics;
 use crate::planner::{self, PlannerEvent, Termination};
 use crate::problem::{GuidanceKind, Options};
@@ -56,7 +56,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<Answer, CliError> {
     override_options(&mut problem.options, arguments);
     let time_budget = Duration::try_from_secs_f64(problem.options.time_budget_s).unwrap_or(Duration::MAX);
     let cancel = CancelToken::new();
-    cancel_on_interrupt(cancel.clone());
+    interrupt::cancels(cancel.clone());
     let control = Control { deadline: Deadline::resumed(began.elapsed(), time_budget), cancel };
     let mut screen = Screen::new();
     let outcome = planner::plan(&problem, &control, &mut |event| screen.show(&event));
@@ -104,16 +104,6 @@ fn override_options(options: &mut Options, arguments: &Arguments) {
     options.stop.first_solution |= arguments.first_solution;
 }
 
-/// On ctrl-c the run ends, and what it has found is written.
-fn cancel_on_interrupt(cancel: CancelToken) {
-    std::thread::spawn(move || {
-        let Ok(runtime) = tokio::runtime::Builder::new_current_thread().enable_all().build() else { return };
-        if runtime.block_on(tokio::signal::ctrl_c()).is_ok() {
-            cancel.cancel();
-        }
-    });
-}
-
 /// What a run shows on stderr: a line per incumbent, and on a terminal a line that moves.
 struct Screen {
     terminal: bool,
@@ -137,7 +127,7 @@ impl Screen {
                 let _ = std::io::stderr().flush();
                 self.moving = true;
             }
-            PlannerEvent::Progress { .. } => {}
+            PlannerEvent::Progress { .. } | PlannerEvent::Judged { .. } => {}
         }
     }
 

@@ -249,6 +249,7 @@ impl Reporter<'_> {
     fn report(&mut self, event: PlannerEvent<'_>) {
         match event {
             PlannerEvent::Incumbent(plan) => self.publish_plan(plan),
+            PlannerEvent::Judged { .. } => {}
             PlannerEvent::Progress { elapsed_s, phase, iterations, steps_lower_bound } => {
                 let now = Instant::now();
                 if self.last_progress.is_some_and(|last| now - last < PROGRESS_INTERVAL) {

@@ -9,12 +9,23 @@ pub enum PlannerEvent<'a> {
     Progress {
         /// Seconds since the run started.
         elapsed_s: f64,
-        /// What it is doing: `workcell`, `mode_graph`, `search`, `improve`.
+        /// What it does from now on: `workcell`, `mode_graph`, `guidance`, `search`, `improve`, in
+        /// this order; each is reported when it begins.
         phase: &'static str,
         /// Iterations of Algorithm 1 so far.
         iterations: u64,
         /// Lower bound on the steps of any synchronised plan, once known.
         steps_lower_bound: Option<usize>,
+    },
+    /// The judge has looked at a candidate. When it has accepted it and the candidate is still better
+    /// than what is known, [`PlannerEvent::Incumbent`] follows.
+    Judged {
+        /// When the candidate was complete, in seconds since the run started.
+        candidate_s: f64,
+        /// When the judge had spoken, in seconds since the run started.
+        judged_s: f64,
+        /// What the judge said.
+        valid: bool,
     },
     /// A better plan, already accepted by the judge.
     Incumbent(&'a Plan),

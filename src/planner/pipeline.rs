@@ -53,6 +53,7 @@ pub fn plan_with(
     // Goals stay apart from their regions, so that an object may be put aside right beside its goal.
     let options = ModeGraphOptions { merge_goals: false, ..ModeGraphOptions::default() };
     let graph = build_mode_graph(problem, &mut reach, &options, control);
+    progress(observe, "guidance");
     let bound = lower_bound(problem, seed, control);
     if bound.infeasible {
         let why = "no sequence of picks, places and handoffs leads to the goals, even if the arms \
@@ -167,6 +168,7 @@ impl<'a> Run<'a, '_> {
             seed,
             self.control,
         );
+        self.sign_of_life();
         while !self.should_stop() {
             if let Some(cost) = self.lock(|board| board.cost) {
                 search.set_incumbent(cost);
@@ -206,8 +208,9 @@ impl<'a> Run<'a, '_> {
         self.stop.cancel();
     }
 
-    fn after_iteration(&self, search: &Search<'_>) {
-        let iterations = self.iterations.fetch_add(1, Ordering::Relaxed) + 1;
+    /// Reports progress, unless that was done a moment ago.
+    fn sign_of_life(&self) {
+        let iterations = self.iterations.load(Ordering::Relaxed);
         let elapsed_s = self.control.deadline.elapsed_s();
         self.lock(|board| {
             if elapsed_s - board.last_progress >= PROGRESS_PERIOD_S {
@@ -216,6 +219,14 @@ impl<'a> Run<'a, '_> {
                 let steps_lower_bound = Some(self.bound);
                 (board.observe)(PlannerEvent::Progress { elapsed_s, phase, iterations, steps_lower_bound });
             }
+        });
+    }
+
+    fn after_iteration(&self, search: &Search<'_>) {
+        self.iterations.fetch_add(1, Ordering::Relaxed);
+        self.sign_of_life();
+        let elapsed_s = self.control.deadline.elapsed_s();
+        self.lock(|board| {
             let patience = self.problem.options.stop.no_improvement_s;
             if board.best.is_some() && patience.is_some_and(|s| elapsed_s - board.last_improvement >= s) {
                 self.end(board, Termination::NoImprovement);
@@ -234,8 +245,12 @@ impl<'a> Run<'a, '_> {
         if self.lock(|board| board.cost).is_some_and(|best| cost >= best) {
             return None;
         }
+        let candidate_s = self.control.deadline.elapsed_s();
         let mut plan = self.assemble(candidate, certificate);
         let verdict = verify(self.problem, &plan);
+        let judged_s = self.control.deadline.elapsed_s();
+        let valid = verdict.valid;
+        self.lock(|board| (board.observe)(PlannerEvent::Judged { candidate_s, judged_s, valid }));
         if !verdict.valid {
             self.lock(|board| {
                 board.rejected += 1;
