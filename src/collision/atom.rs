@@ -272,7 +272,7 @@ mod tests {
             let found = atom_a.separation(&atom_a.placed(&pose_a), &atom_b, &atom_b.placed(&pose_b), need);
             let truth = ExactShape::new(&a).signed_distance(&pose_a, &ExactShape::new(&b), &pose_b, 10.0);
             if truth > 1e-6 {
-                assert!(found <= truth + 1e-6, "case {case}: {found} exceeds {truth}");
+                assert!(found <= truth + 1e-5, "case {case}: {found} exceeds {truth}");
             } else {
                 assert!(found <= 1e-6, "case {case}: overlap missed, {found} against {truth}");
             }

@@ -7,7 +7,7 @@ use crate::collision::{CollisionWorld, Exemption, Resting, StraightMotion};
 use crate::kinematics::{Config, JointLimits};
 use crate::problem::Problem;
 use crate::run::{Control, Rng};
-use crate::trajectory::{Curve, time_path};
+use crate::trajectory::{Curve, CurveTable, time_path};
 use crate::workcell::ArmId;
 
 use super::roadmap::Roadmap;
@@ -302,8 +302,9 @@ fn assemble(
         .collect();
     let motion = StepMotion { arms, duration };
     let still_free = motion.arms.iter().enumerate().all(|(i, arm)| {
+        let table = CurveTable::new(&arm.curve);
         arm.pieces(0.0, duration).into_iter().all(|(from, to, exemption)| {
-            let part = CurveMotion { curve: &arm.curve, span: (from, to) };
+            let part = CurveMotion { curve: &arm.curve, table: &table, span: (from, to) };
             world.static_free(ArmId(i), &part, arm.held.as_ref(), resting, exemption)
         })
     });

@@ -2,7 +2,7 @@
 
 use crate::collision::{CollisionWorld, Resting};
 use crate::kinematics::Config;
-use crate::trajectory::{Curve, time_path};
+use crate::trajectory::{Curve, CurveTable, time_path};
 use crate::transition::Line;
 use crate::workcell::{Arm, ArmId};
 
@@ -73,8 +73,9 @@ pub(super) fn time_legs(
 
 fn is_free(world: &CollisionWorld, id: ArmId, task: &ArmTask, leg: &Leg, resting: &Resting) -> bool {
     let curve = &leg.curve;
+    let table = CurveTable::new(curve);
     pieces(&leg.windows, curve.start_time(), curve.end_time()).into_iter().all(|(from, to, exemption)| {
-        let motion = CurveMotion { curve, span: (from, to) };
+        let motion = CurveMotion { curve, table: &table, span: (from, to) };
         world.static_free(id, &motion, task.held.as_ref(), resting, exemption)
     })
 }

@@ -4,11 +4,12 @@
 //! to make an arm wait before it starts: of two arms that meet, one or the other is delayed until
 //! the two pass each other.
 
+use std::cell::OnceCell;
 use std::collections::BTreeMap;
 
 use crate::collision::CollisionWorld;
 use crate::run::Control;
-use crate::trajectory::{Curve, MIN_SPACING_S};
+use crate::trajectory::{Curve, CurveTable, MIN_SPACING_S};
 use crate::workcell::ArmId;
 
 use super::legs::Legs;
@@ -95,19 +96,34 @@ pub(super) fn schedule(
 /// Certifies a composed step: the first pair of arms that is not kept apart.
 pub(super) fn find_conflict(world: &CollisionWorld, motion: &StepMotion) -> Option<Conflict> {
     let count = motion.arms.len();
-    (0..count)
-        .flat_map(|first| (first + 1..count).map(move |second| Conflict { first, second }))
-        .find(|pair| !pair_apart(world, motion, *pair))
+    let tables = tables(motion);
+    (0..count).flat_map(|first| (first + 1..count).map(move |second| Conflict { first, second })).find(
+        |pair| {
+            let timed = |arm: usize| {
+                let motion = &motion.arms[arm];
+                (arm, motion, tables[arm].get_or_init(|| CurveTable::new(&motion.curve)))
+            };
+            !pair_apart(world, timed(pair.first), timed(pair.second), motion.duration)
+        },
+    )
 }
 
-fn pair_apart(world: &CollisionWorld, motion: &StepMotion, pair: Conflict) -> bool {
-    let (a, b) = (&motion.arms[pair.first], &motion.arms[pair.second]);
-    a.pieces(0.0, motion.duration).into_iter().all(|(from, to, first)| {
+/// The arms' curves for sampling, each laid out when it is first asked for.
+fn tables(motion: &StepMotion) -> Vec<OnceCell<CurveTable>> {
+    motion.arms.iter().map(|_| OnceCell::new()).collect()
+}
+
+/// An arm in a step, with its curve laid out for sampling.
+type Timed<'a> = (usize, &'a ArmMotion, &'a CurveTable);
+
+fn pair_apart(world: &CollisionWorld, first: Timed<'_>, second: Timed<'_>, duration: f64) -> bool {
+    let ((i, a, a_table), (j, b, b_table)) = (first, second);
+    a.pieces(0.0, duration).into_iter().all(|(from, to, first)| {
         b.pieces(from, to).into_iter().all(|(from, to, second)| {
             let span = (from, to);
             world.motions_apart(
-                (ArmId(pair.first), &CurveMotion { curve: &a.curve, span }, a.held.as_ref(), first),
-                (ArmId(pair.second), &CurveMotion { curve: &b.curve, span }, b.held.as_ref(), second),
+                (ArmId(i), &CurveMotion { curve: &a.curve, table: a_table, span }, a.held.as_ref(), first),
+                (ArmId(j), &CurveMotion { curve: &b.curve, table: b_table, span }, b.held.as_ref(), second),
                 span,
             )
         })
@@ -158,10 +174,7 @@ impl Search<'_> {
 
     fn compose(&self, delays: &[u32]) -> StepMotion {
         let timings = self.timings(delays);
-        let last = timings.iter().map(|t| t.end).fold(MIN_SPACING_S, f64::max);
-        // Nobody may have to wait for less than the least spacing of breakpoints.
-        let crowded = timings.iter().any(|t| t.end < last && last - t.end < MIN_SPACING_S);
-        let duration = if crowded { last + 2.0 * MIN_SPACING_S } else { last };
+        let duration = whole_duration(&timings);
         let arms = timings
             .iter()
             .zip(self.legs)
@@ -189,11 +202,28 @@ impl Search<'_> {
         if let Some(&known) = self.known.get(&key) {
             return known;
         }
-        let motion = self.compose(delays);
-        let apart = pair_apart(self.world, &motion, pair);
+        let duration = whole_duration(&timings);
+        let timed =
+            |arm: usize| compose_arm(&timings[arm], &self.legs[arm], duration, self.task.arms[arm].held);
+        let (first, second) = (timed(pair.first), timed(pair.second));
+        let tables = (CurveTable::new(&first.curve), CurveTable::new(&second.curve));
+        let apart = pair_apart(
+            self.world,
+            (pair.first, &first, &tables.0),
+            (pair.second, &second, &tables.1),
+            duration,
+        );
         self.known.insert(key, apart);
         apart
     }
+}
+
+/// How long the step takes (s).
+fn whole_duration(timings: &[Timing]) -> f64 {
+    let last = timings.iter().map(|t| t.end).fold(MIN_SPACING_S, f64::max);
+    // Nobody may have to wait for less than the least spacing of breakpoints.
+    let crowded = timings.iter().any(|t| t.end < last && last - t.end < MIN_SPACING_S);
+    if crowded { last + 2.0 * MIN_SPACING_S } else { last }
 }
 
 /// An arm's curve from 0 to `duration`: wait, leg, wait, leg, wait.

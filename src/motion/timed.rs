@@ -1,8 +1,8 @@
 //! Timed motions: curves with the windows in which contacts are exempt.
 
-use crate::collision::{Exemption, Held, JointMotion};
+use crate::collision::{Exemption, Held, JointMotion, Samples};
 use crate::kinematics::Config;
-use crate::trajectory::Curve;
+use crate::trajectory::{Curve, CurveTable};
 
 /// A span of time in which an exemption holds.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -67,6 +67,8 @@ pub(super) fn pieces(windows: &[Window], from: f64, to: f64) -> Vec<(f64, f64, E
 #[derive(Debug)]
 pub(super) struct CurveMotion<'a> {
     pub(super) curve: &'a Curve,
+    /// The same curve for sampling.
+    pub(super) table: &'a CurveTable,
     pub(super) span: (f64, f64),
 }
 
@@ -81,5 +83,13 @@ impl JointMotion for CurveMotion<'_> {
 
     fn span(&self) -> (f64, f64) {
         self.span
+    }
+
+    fn sample(&self, intervals: &[(f64, f64); 8], out: &mut Samples) {
+        out.resize(self.table.joints());
+        let mut hint = 0;
+        for (lane, interval) in intervals.iter().enumerate() {
+            self.table.sample(*interval, &mut hint, |joint, value, stray| out.set(joint, lane, value, stray));
+        }
     }
 }

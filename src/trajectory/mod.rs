@@ -16,11 +16,13 @@ mod hermite;
 mod limits;
 mod polyline;
 mod profile;
+mod table;
 mod time_path;
 
 pub use curve::{Curve, CurveError, CurvePoint, MIN_SPACING_S};
 pub use limits::{LimitKind, LimitViolation};
 pub use profile::minimum_time;
+pub use table::CurveTable;
 pub use time_path::{TimingError, time_path};
 
 #[cfg(test)]

@@ -18,6 +18,20 @@ pub struct Samples {
     pub deviations: SmallVec<[[f32; 8]; 8]>,
 }
 
+impl Samples {
+    /// Makes room for `joints` joints; what was there is lost.
+    pub fn resize(&mut self, joints: usize) {
+        self.values.resize(joints, [0.0; 8]);
+        self.deviations.resize(joints, [0.0; 8]);
+    }
+
+    /// Sets one joint in one lane (below 8).
+    pub fn set(&mut self, joint: usize, lane: usize, value: f32, deviation: f32) {
+        self.values[joint][lane] = value;
+        self.deviations[joint][lane] = deviation;
+    }
+}
+
 /// An arm in a query.
 pub(in crate::collision) struct LaneMover<'a> {
     pub(in crate::collision) arm: &'a LaneArm,

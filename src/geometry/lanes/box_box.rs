@@ -46,7 +46,7 @@ pub fn box_box_gap<F: Float8>(a: &Box8<F>, b: &Box8<F>) -> F {
             let reach_a = a.half[i1].mul_add(sizes[i2][j], a.half[i2] * sizes[i1][j]);
             let reach_b = b.half[j1].mul_add(sizes[i][j2], b.half[j2] * sizes[i][j1]);
             let between = in_a[i2].mul_add(cosines[i1][j], -(in_a[i1] * cosines[i2][j])).abs();
-            let square = cosines[i][j].neg_mul_add(cosines[i][j], F::splat(1.0));
+            let square = cosines[i1][j].mul_add(cosines[i1][j], cosines[i2][j] * cosines[i2][j]);
             let slanted = F::splat(1e-3).less(square);
             let gap = (between - reach_a - reach_b).div(square.max(F::splat(1e-3)).sqrt());
             widest = F::select(slanted, widest.max(gap), widest);

@@ -19,6 +19,9 @@ mod segment_box;
 mod segment_segment;
 mod trigonometry;
 
+#[cfg(test)]
+mod tests;
+
 pub use box_box::{Box8, box_box_gap};
 pub use dispatch::{InstructionSet, Kernel};
 pub use float8::{Bits8, Float8, V3, add3, column_sum, dot3, scale3, splat3, square3, sub3};

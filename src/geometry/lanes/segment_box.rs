@@ -40,7 +40,8 @@ pub fn segment_box_squared<F: Float8>(segment: &Segment8<F>, half: &V3<F>) -> F 
             let out_k = excess(d[k].mul_add(t, p[k]), half[k]);
             let here = d[j].mul_add(out_j, d[k] * out_k);
             let inside = F::both(low.0.less(t), t.less(high.0));
-            let falls = F::both(inside, here.less(zero));
+            // Flat stretches count as falling, so that what is between the brackets is not kinked.
+            let falls = F::both(inside, here.less(F::splat(1e-30)));
             let rises = F::both(inside, zero.less(here));
             low = (F::select(falls, t, low.0), F::select(falls, here, low.1));
             high = (F::select(rises, t, high.0), F::select(rises, here, high.1));
