@@ -146,10 +146,7 @@ fn capsules_agree_with_parry() {
             let truth = segments_apart(&p, &d, &q, &e);
             for distances in &found {
                 let distance = f64::from(distances[lane]);
-                assert!(
-                    (distance - truth).abs() < INFLATION.max(3e-4 * (0.04 - truth)),
-                    "{distance} {truth}"
-                );
+                assert!(agree(distance, truth), "{distance} {truth}");
             }
             if lane == block % 8 {
                 let (a, b) = (Capsule::new(p, p + d, radii.0), Capsule::new(q, q + e, radii.1));
