@@ -6,12 +6,14 @@ CARGO ?= cargo
 LISTEN ?= 127.0.0.1:8080
 SERVE_ARGS ?=
 
-.PHONY: help setup build demo test serve lint
+.PHONY: help setup build demo test soak serve lint api
 
 help:
 	@echo "make build   the release binary, target/release/quadrille"
 	@echo "make demo    plan the 2x2 switch through the service, and judge the result"
-	@echo "make test    all tests"
+	@echo "make test    all tests, kills, load and fuzzing in short"
+	@echo "make soak    200 kills, a minute of load, 10 minutes per fuzz target; prints the figures"
+	@echo "make api     write api/openapi.json and api/schemas anew"
 	@echo "make serve   run the service on LISTEN ($(LISTEN))"
 	@echo "make lint    formatting, clippy, documentation"
 
@@ -27,6 +29,13 @@ demo: build
 
 test: setup
 	$(CARGO) test --release --locked
+
+# The long forms, one after the other: they measure.
+soak: setup
+	QUADRILLE_SOAK=1 $(CARGO) test --release --locked --test service -- --nocapture --test-threads 1 kills:: load:: durable:: fuzz:: foreign::
+
+api: setup
+	QUADRILLE_WRITE_API=1 $(CARGO) test --release --locked --test service openapi::the_files
 
 serve: build
 	target/release/quadrille serve --listen $(LISTEN) $(SERVE_ARGS)

@@ -46,6 +46,8 @@ use crate::jobs::{EmbeddedStore, JobState, Jobs, ListQuery, Parts, Planner};
 
 /// How often figures are tidied.
 const TIDY: Duration = Duration::from_secs(5);
+/// How often the end of the last reader is looked for at a shutdown.
+const CLOSING_POLL: Duration = Duration::from_millis(2);
 
 /// What all handlers share.
 pub(crate) struct App {
@@ -117,6 +119,11 @@ pub async fn serve(
     shutdown.cancel();
     if !stopping.await.unwrap_or(false) {
         tracing::warn!("planner threads are still busy at the end of the drain time");
+    }
+    // Who serves after us in this process may open the store only when nobody has it any more.
+    let began = Instant::now();
+    while Arc::strong_count(&app) > 1 && began.elapsed() < drain {
+        tokio::time::sleep(CLOSING_POLL).await;
     }
     Ok(())
 }

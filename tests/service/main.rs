@@ -1,9 +1,23 @@
-//! The service as its clients see it, over real sockets, with a scripted planner.
+//! The service over real sockets, with a planner that follows a script: jobs, streams, bad input, shutdown, gRPC,
+//! durability, limits, the written interface, foreign clients.
+//!
+//! `QUADRILLE_SOAK=1` (or `make soak`) runs the long forms of kills, load and fuzzing, and prints their figures.
 
 mod bad_input;
+mod durable;
+mod foreign;
+mod fuzz;
 mod grpc;
 mod jobs;
+mod kills;
+mod load;
+mod openapi;
+mod operations;
+mod process;
+mod requests;
 mod resources;
+mod schema;
 mod script;
 mod server;
 mod streams;
+mod workcells;

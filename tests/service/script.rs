@@ -23,7 +23,9 @@ pub fn problem(name: &str) -> Value {
 /// - `improve N`: N ever shorter plans, then the end of the budget;
 /// - `wait`: a plan, then signs of life until it is cancelled or the budget ends;
 /// - `first`, `optimal`, `infeasible`, `nothing`: the ending of that kind;
-/// - `panic`: a plan, then a panic.
+/// - `steps N MS`: N ever shorter plans, MS milliseconds apart, then the end of the budget;
+/// - `panic`: a plan, then a panic;
+/// - `abort`: a plan, then the end of the whole process.
 pub fn plan(
     problem: &Problem,
     control: &Control,
@@ -42,6 +44,22 @@ pub fn plan(
             let count = words.next().and_then(|word| word.parse().ok()).unwrap_or(1);
             (1..=count).for_each(|revision| improve(revision, observe));
             Termination::TimeLimit
+        }
+        Some("steps") => {
+            let mut number = || words.next().and_then(|word| word.parse().ok()).unwrap_or(1);
+            let (count, pause) = (number(), Duration::from_millis(number()));
+            for revision in 1..=count {
+                if control.should_stop() {
+                    break;
+                }
+                std::thread::sleep(pause);
+                improve(revision, observe);
+            }
+            if control.cancel.is_cancelled() { Termination::Cancelled } else { Termination::TimeLimit }
+        }
+        Some("abort") => {
+            improve(1, observe);
+            std::process::abort();
         }
         Some("wait") => {
             improve(1, observe);

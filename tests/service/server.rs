@@ -4,6 +4,7 @@ use std::net::SocketAddr;
 use std::sync::Arc;
 
 use futures::StreamExt;
+use quadrille::jobs::{Planner, SmartPlanner};
 use quadrille::service::{self, ServiceConfig};
 use serde_json::Value;
 use tokio::net::TcpListener;
@@ -34,13 +35,36 @@ impl Server {
         .await
     }
 
+    pub async fn keeping(folder: &std::path::Path) -> Self {
+        Self::with(|config| {
+            config.data_dir = Some(folder.to_owned());
+            config.jobs.workers = 1;
+        })
+        .await
+    }
+
+    /// Shuts down and waits for the end.
+    pub async fn stop(mut self) {
+        self.shutdown.cancel();
+        (&mut self.task).await.unwrap().unwrap();
+    }
+
     pub async fn with(configure: impl FnOnce(&mut ServiceConfig)) -> Self {
+        Self::running(Arc::new(script::plan), configure).await
+    }
+
+    /// With the planner of the product.
+    pub async fn planning(configure: impl FnOnce(&mut ServiceConfig)) -> Self {
+        Self::running(Arc::new(SmartPlanner::default()), configure).await
+    }
+
+    async fn running(planner: Arc<dyn Planner>, configure: impl FnOnce(&mut ServiceConfig)) -> Self {
         let mut config = ServiceConfig::default();
         configure(&mut config);
         let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
         let address = listener.local_addr().unwrap();
         let shutdown = CancellationToken::new();
-        let task = tokio::spawn(service::serve(listener, config, Arc::new(script::plan), shutdown.clone()));
+        let task = tokio::spawn(service::serve(listener, config, planner, shutdown.clone()));
         let client = reqwest::Client::builder().no_proxy().build().unwrap();
         Self { address, shutdown, task, client }
     }
@@ -72,6 +96,18 @@ impl Server {
         let job: Value = reply.json().await.unwrap();
         assert_eq!(location, format!("/v1/jobs/{}", job["id"].as_str().unwrap()));
         location
+    }
+
+    /// The problem document of a refused request.
+    pub async fn refused(&self, request: reqwest::RequestBuilder, status: u16) -> Value {
+        let reply = request.send().await.unwrap();
+        assert_eq!(reply.status(), status);
+        problem_document(reply).await
+    }
+
+    /// Durable events of a job from the first one kept on, once it has ended.
+    pub async fn durable(&self, job: &str) -> Vec<Value> {
+        self.events(job, 0).await.into_iter().filter(|event| event["type"] != "progress").collect()
     }
 
     /// All events of a job from number `after` on, as NDJSON.

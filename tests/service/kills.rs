@@ -1,0 +1,142 @@
+//! `kill -9` at random moments under load: nothing that was accepted or published is lost.
+
+use std::collections::BTreeMap;
+use std::sync::{Arc, Mutex};
+use std::time::Duration;
+
+use futures::StreamExt;
+use quadrille::run::Seed;
+use rand::Rng;
+use serde_json::Value;
+
+use crate::process::{Process, soak};
+use crate::script::problem;
+
+/// What clients have been told so far.
+#[derive(Default)]
+struct Told {
+    /// Jobs that were accepted.
+    jobs: Vec<String>,
+    /// Durable events by job and number.
+    events: BTreeMap<(String, u64), Value>,
+    /// Events that disagreed with one seen before.
+    conflicts: Vec<String>,
+}
+
+impl Told {
+    fn note(&mut self, job: &str, event: Value) {
+        if event["type"] == "progress" {
+            return;
+        }
+        let number = event["seq"].as_u64().unwrap();
+        // Conflation belongs to a delivery, not to the event.
+        let mut event = event;
+        event.as_object_mut().unwrap().remove("skipped");
+        match self.events.get(&(job.to_owned(), number)) {
+            Some(before) if *before != event => self.conflicts.push(format!("{before}\n{event}")),
+            _ => {
+                self.events.insert((job.to_owned(), number), event);
+            }
+        }
+    }
+}
+
+/// Submits jobs, and follows each from the start, until the service is gone.
+async fn use_service(url: String, told: Arc<Mutex<Told>>, name: String) {
+    let client = reqwest::Client::builder().no_proxy().build().unwrap();
+    let body = problem(&name).to_string();
+    loop {
+        let request = client.post(format!("{url}/v1/jobs")).header("content-type", "application/json");
+        let Ok(reply) = request.body(body.clone()).send().await else { return };
+        if reply.status() != 202 {
+            tokio::time::sleep(Duration::from_millis(5)).await;
+            continue;
+        }
+        let job = reply.headers()["location"].to_str().unwrap().to_owned();
+        told.lock().unwrap().jobs.push(job.clone());
+        follow(&client, &url, &job, &told).await;
+    }
+}
+
+async fn follow(client: &reqwest::Client, url: &str, job: &str, told: &Mutex<Told>) {
+    let Ok(reply) = client.get(format!("{url}{job}/events")).send().await else { return };
+    let (mut stream, mut text) = (reply.bytes_stream(), Vec::new());
+    while let Some(Ok(chunk)) = stream.next().await {
+        text.extend_from_slice(&chunk);
+        while let Some(end) = text.iter().position(|byte| *byte == b'\n') {
+            let line: Vec<u8> = text.drain(..=end).collect();
+            told.lock().unwrap().note(job, serde_json::from_slice(&line).unwrap());
+        }
+    }
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn nothing_that_was_told_is_lost() {
+    let kills = if soak() { 200 } else { 20 };
+    let folder = tempfile::tempdir().unwrap();
+    let told = Arc::new(Mutex::new(Told::default()));
+    let mut rng = Seed(11).stream("kills");
+    let client = reqwest::Client::builder().no_proxy().build().unwrap();
+    // Longer on a busy machine, where nothing would happen before the end.
+    let mut longest = 200;
+    for _ in 0..kills {
+        let before = told.lock().unwrap().jobs.len();
+        let mut process = Process::start(folder.path());
+        let users: Vec<_> = ["steps 8 3", "steps 3 10", "improve 2", "nothing"]
+            .map(|name| tokio::spawn(use_service(process.url(""), Arc::clone(&told), name.to_owned())))
+            .into();
+        // One that takes up old jobs again.
+        let old: Vec<String> = told.lock().unwrap().jobs.iter().rev().take(3).cloned().collect();
+        for job in &old {
+            let (client, told) = (client.clone(), Arc::clone(&told));
+            let (url, job) = (process.url(""), job.clone());
+            tokio::spawn(async move { follow(&client, &url, &job, &told).await });
+        }
+        tokio::time::sleep(Duration::from_millis(rng.random_range(1..longest))).await;
+        process.kill();
+        for user in users {
+            user.await.unwrap();
+        }
+        if told.lock().unwrap().jobs.len() == before {
+            longest = (longest * 2).min(10_000);
+        }
+    }
+    let process = Process::start(folder.path());
+    let jobs = told.lock().unwrap().jobs.clone();
+    let (mut lost_workers, mut incumbents) = (0, 0);
+    for job in &jobs {
+        let events = process.durable(&client, job).await;
+        let seqs: Vec<u64> = events.iter().filter_map(|event| event["seq"].as_u64()).collect();
+        assert_eq!(seqs, (1..=seqs.len() as u64).collect::<Vec<_>>(), "{job}");
+        let ends: Vec<&Value> = events.iter().filter(|event| event["type"] == "terminal").collect();
+        assert!(ends.len() == 1 && events.last() == Some(ends[0]), "{job}: {} ends", ends.len());
+        lost_workers += usize::from(ends[0]["termination_reason"] == "WORKER_LOST");
+        let plans: Vec<(u64, f64)> = events
+            .iter()
+            .filter(|event| event["type"] == "incumbent")
+            .map(|event| {
+                (event["revision"].as_u64().unwrap(), event["metrics"]["duration_s"].as_f64().unwrap())
+            })
+            .collect();
+        assert!(
+            plans.windows(2).all(|pair| pair[0].0 < pair[1].0 && pair[0].1 > pair[1].1),
+            "{job}: {plans:?}"
+        );
+        incumbents += plans.len();
+        let mut told = told.lock().unwrap();
+        events.into_iter().for_each(|event| told.note(job, event));
+    }
+    let told = told.lock().unwrap();
+    assert!(told.conflicts.is_empty(), "{}", told.conflicts.join("\n"));
+    // Every event that anyone has ever seen is among those that are there.
+    for (job, seq) in told.events.keys() {
+        assert!(jobs.contains(job), "{job} {seq}");
+    }
+    println!(
+        "{kills} kills, {} jobs accepted, {} events seen, {incumbents} plans kept, {lost_workers} jobs lost their worker \
+         three times, none lost",
+        jobs.len(),
+        told.events.len(),
+    );
+    assert!(!jobs.is_empty() && incumbents > 0);
+}

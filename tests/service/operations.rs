@@ -1,0 +1,59 @@
+//! What an operator sees: figures, request ids.
+
+use crate::script::problem;
+use crate::server::Server;
+
+/// The value of a line of `/metrics`.
+fn value(text: &str, name: &str) -> f64 {
+    let line = text.lines().find_map(|line| line.strip_prefix(name)?.strip_prefix(' '));
+    line.unwrap_or_else(|| panic!("no {name} in\n{text}")).parse().unwrap()
+}
+
+#[tokio::test]
+async fn figures_tell_what_happens() {
+    let server = Server::start(1, 1).await;
+    for name in ["improve 3", "panic", "nothing"] {
+        let job = server.create(name).await;
+        server.until(&job, "terminal").await;
+    }
+    let running = server.create("wait").await;
+    server.until(&running, "incumbent").await;
+    server.create("wait").await;
+    assert_eq!(server.post("/v1/jobs", problem("wait").to_string()).await.status(), 429);
+    assert_eq!(server.post("/v1/jobs", "{").await.status(), 429);
+    assert_eq!(server.post("/v1/validate", "{").await.status(), 400);
+    let watched = server.get(&format!("{running}/events")).await;
+    let reply = server.get("/metrics").await;
+    assert!(reply.headers()["content-type"].to_str().unwrap().starts_with("text/plain"));
+    let text = reply.text().await.unwrap();
+    drop(watched);
+    for (name, expected) in [
+        ("quadrille_queue_depth", 1.0),
+        ("quadrille_jobs_running", 1.0),
+        ("quadrille_jobs_accepted_total", 5.0),
+        ("quadrille_incumbents_total", 5.0),
+        ("quadrille_first_plan_seconds_count", 3.0),
+        ("quadrille_job_duration_seconds_count", 3.0),
+        ("quadrille_planner_busy_seconds_count", 3.0),
+        ("quadrille_panics_total", 1.0),
+        ("quadrille_streams_open", 1.0),
+        ("quadrille_jobs_ended_total{state=\"SUCCEEDED\",reason=\"TIME_LIMIT\"}", 1.0),
+        ("quadrille_jobs_ended_total{state=\"FAILED\",reason=\"INTERNAL\"}", 1.0),
+        ("quadrille_rejects_total{code=\"queue_full\"}", 2.0),
+        ("quadrille_rejects_total{code=\"invalid_json\"}", 1.0),
+    ] {
+        assert_eq!(value(&text, name), expected, "{name}");
+    }
+}
+
+#[tokio::test]
+async fn only_plain_request_ids_are_taken_over() {
+    let server = Server::start(1, 1).await;
+    for (given, kept) in [("line-7.42", true), ("", false), ("a b", false), (&*"x".repeat(129), false)] {
+        let reply =
+            server.client.get(server.url("/livez")).header("x-request-id", given).send().await.unwrap();
+        let id = reply.headers()["x-request-id"].to_str().unwrap();
+        assert_eq!(id == given, kept, "{given}: {id}");
+        assert!(!id.is_empty());
+    }
+}

@@ -1,0 +1,141 @@
+//! A service in a process of its own, which can be killed: this very test binary, asked to serve.
+
+use std::io::{BufRead, BufReader, Read};
+use std::net::SocketAddr;
+use std::path::Path;
+use std::process::{Child, ChildStdout, Command, ExitStatus, Stdio};
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use quadrille::service::{self, ServiceConfig};
+use serde_json::Value;
+use tokio::net::TcpListener;
+use tokio::signal::unix::{SignalKind, signal};
+use tokio_util::sync::CancellationToken;
+
+use crate::script;
+
+/// Names the data directory to the child, and tells it that it is one.
+const FOLDER: &str = "QUADRILLE_TEST_DATA_DIR";
+/// How long a process may take to start or end before the test gives up.
+const PATIENCE: Duration = Duration::from_secs(60);
+
+/// Whether the long forms are asked for.
+pub fn soak() -> bool {
+    std::env::var_os("QUADRILLE_SOAK").is_some()
+}
+
+/// A service in a process of its own; killed when dropped.
+pub struct Process {
+    pub address: SocketAddr,
+    child: Child,
+    /// Kept open: who writes into a closed pipe is ended by that.
+    _output: BufReader<ChildStdout>,
+}
+
+impl Drop for Process {
+    fn drop(&mut self) {
+        self.kill();
+    }
+}
+
+impl Process {
+    /// Starts a service with the scripted planner, which keeps its jobs in `folder`.
+    pub fn start(folder: &Path) -> Self {
+        let mut command = Command::new(std::env::current_exe().unwrap());
+        command.args(["--exact", "process::serves_when_asked_to", "--nocapture"]).env(FOLDER, folder);
+        Self::spawn(command)
+    }
+
+    /// Starts the product itself.
+    pub fn product(arguments: &[&str]) -> Self {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_quadrille"));
+        command.args(["serve", "--listen", "127.0.0.1:0"]).args(arguments).env("QUADRILLE_LOG", "error");
+        Self::spawn(command)
+    }
+
+    fn spawn(mut command: Command) -> Self {
+        let mut child = command.stdout(Stdio::piped()).stderr(Stdio::null()).spawn().unwrap();
+        let mut output = BufReader::new(child.stdout.take().unwrap());
+        // What the test runner prints may stand before it on the line.
+        let address = output.by_ref().lines().map_while(Result::ok).find_map(|line| {
+            line.split_once("listening on ").map(|(_, address)| address.trim().parse().unwrap())
+        });
+        Self { address: address.expect("the service listens"), child, _output: output }
+    }
+
+    pub fn id(&self) -> u32 {
+        self.child.id()
+    }
+
+    pub fn url(&self, path: &str) -> String {
+        format!("http://{}{path}", self.address)
+    }
+
+    /// `kill -9`.
+    pub fn kill(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+
+    /// SIGTERM.
+    pub fn terminate(&self) {
+        let told = Command::new("kill").args(["-TERM", &self.id().to_string()]).status();
+        assert!(told.unwrap().success());
+    }
+
+    /// Waits for the end.
+    pub fn wait(&mut self) -> ExitStatus {
+        let began = Instant::now();
+        loop {
+            if let Some(status) = self.child.try_wait().unwrap() {
+                return status;
+            }
+            assert!(began.elapsed() < PATIENCE, "the process does not end");
+            std::thread::sleep(Duration::from_millis(5));
+        }
+    }
+
+    /// Whether it has ended by itself.
+    pub fn has_ended(&mut self) -> bool {
+        self.child.try_wait().unwrap().is_some()
+    }
+
+    /// Memory that it holds (bytes).
+    pub fn memory(&self) -> u64 {
+        let status = std::fs::read_to_string(format!("/proc/{}/status", self.id())).unwrap_or_default();
+        let line = status.lines().find_map(|line| line.strip_prefix("VmRSS:")).unwrap_or("0 kB");
+        line.trim().trim_end_matches(" kB").trim().parse::<u64>().unwrap_or(0) * 1024
+    }
+
+    /// Durable events of a job, once it has ended.
+    pub async fn durable(&self, client: &reqwest::Client, job: &str) -> Vec<Value> {
+        let reply = client.get(self.url(&format!("{job}/events"))).send().await.unwrap();
+        assert_eq!(reply.status(), 200, "{job}");
+        let events = crate::server::lines(&reply.text().await.unwrap());
+        events.into_iter().filter(|event| event["type"] != "progress").collect()
+    }
+}
+
+/// No test: what the child process runs.
+#[test]
+fn serves_when_asked_to() {
+    let Some(folder) = std::env::var_os(FOLDER) else { return };
+    let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(2).enable_all().build().unwrap();
+    runtime.block_on(async move {
+        let mut config = ServiceConfig { data_dir: Some(folder.into()), ..ServiceConfig::default() };
+        config.jobs.workers = 2;
+        config.jobs.queue_limit = 1000;
+        config.jobs.client_limit = usize::MAX;
+        let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
+        println!("listening on {}", listener.local_addr().unwrap());
+        let shutdown = CancellationToken::new();
+        let raised = shutdown.clone();
+        let mut terminated = signal(SignalKind::terminate()).unwrap();
+        tokio::spawn(async move {
+            terminated.recv().await;
+            raised.cancel();
+        });
+        service::serve(listener, config, Arc::new(script::plan), shutdown).await.unwrap();
+    });
+}
