@@ -6,7 +6,7 @@
 //! ```text
 //! run, geometry -> kinematics -> workcell -> problem -> collision -> mode_graph -> guidance
 //!     -> transition -> trajectory -> plan -> motion -> search -> verify -> planner
-//!     -> scenario, wire -> jobs -> service -> cli
+//!     -> scenario, wire -> bench, jobs -> service -> cli
 //! ```
 //!
 //! Some know less than lies to their left: [`guidance`] sees the mode graph alone, [`mode_graph`]
@@ -16,6 +16,7 @@
 //! Everything up to [`planner`] is free of async runtimes, HTTP and wall clocks (except through
 //! [`run::Deadline`]); a library user plans without tokio.
 
+pub mod bench;
 pub mod cli;
 pub mod collision;
 pub mod geometry;

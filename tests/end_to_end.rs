@@ -94,6 +94,40 @@ fn goals_that_are_met_already_take_a_plan_that_stands_still() {
     assert_eq!(judged.status.code(), Some(0), "{}", String::from_utf8_lossy(&judged.stdout));
 }
 
+#[test]
+fn the_evaluation_writes_what_it_measured() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("results").to_str().unwrap().to_owned();
+    let paper = |more: &[&str]| {
+        let arguments =
+            ["bench", "paper", "--trials", "1", "--families", "switch,in_place_swap", "--sizes", "2x2"];
+        quadrille(&[&arguments[..], &["--budget", "1s", "--guidance", "smart", "--out", &out], more].concat())
+    };
+    let measured = paper(&[]);
+    let lines = String::from_utf8(measured.stderr).unwrap();
+    assert_eq!(measured.status.code(), Some(0), "{lines}");
+    for case in ["switch/2x2 smart: ", "in_place_swap/2x2 smart: "] {
+        assert!(lines.lines().any(|line| line.starts_with(case) && line.contains("/1 solved")), "{lines}");
+    }
+    let read = |name: &str| fs::read_to_string(Path::new(&out).join(name)).unwrap();
+    let results: Value = serde_json::from_str(&read("results.json")).unwrap();
+    assert_eq!(results["runs"].as_array().unwrap().len(), 2);
+    assert_eq!(results["setup"]["budget_s"], 1.0);
+    assert_eq!(read("results.csv").lines().count(), 3);
+    assert!(read("report.html").contains("</html>"));
+    // Going on with complete results adds nothing; with other arguments they do not fit.
+    assert_eq!(paper(&["--resume"]).status.code(), Some(0));
+    assert_eq!(serde_json::from_str::<Value>(&read("results.json")).unwrap()["runs"], results["runs"]);
+    let other = paper(&["--resume", "--threads", "2"]);
+    assert_eq!(other.status.code(), Some(2));
+    let compared = quadrille(&["bench", "compare", &out, &format!("{out}/results.json")]);
+    let table = String::from_utf8(compared.stdout).unwrap();
+    assert_eq!(compared.status.code(), Some(0));
+    assert!(table.contains("switch/2x2 smart") && table.contains("0 better in B, 0 worse"), "{table}");
+    let missing = quadrille(&["bench", "compare", &out, "no-such-folder"]);
+    assert_eq!(missing.status.code(), Some(2));
+}
+
 /// The service as a process of its own, with one planner thread; killed when dropped.
 struct Service {
     process: Child,

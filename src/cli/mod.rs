@@ -1,10 +1,12 @@
-//! The command line: `plan`, `verify`, `modes`, `scenario`, `serve`, `health`.
+//! The command line: `plan`, `verify`, `modes`, `scenario`, `bench`, `serve`, `health`.
 //!
 //! Exit codes: 0 for success (a plan was found, the plan is valid, the service ended as asked), 1
 //! for a negative answer (no plan found, the plan is invalid, the service is not healthy), 2 for
 //! input or surroundings that cannot be used.
 
+mod bench;
 mod budget;
+mod guidance;
 mod health;
 mod input;
 mod interrupt;
@@ -23,6 +25,7 @@ use std::process::ExitCode;
 use clap::{Parser, Subcommand};
 
 use self::logging::LogFormat;
+use crate::bench::BenchError;
 use crate::scenario::ScenarioError;
 use crate::wire::Fault;
 
@@ -53,6 +56,8 @@ enum Command {
     Modes(modes::Arguments),
     /// Problems of the benchmark families
     Scenario(scenario::Arguments),
+    /// Measure: the paper's evaluation, and two results against each other
+    Bench(bench::Arguments),
     /// Run the service
     Serve(Box<serve::Arguments>),
     /// Ask a running service whether it is ready
@@ -86,6 +91,12 @@ enum CliError {
     /// The settings of the service cannot be used.
     #[error("settings: {0}")]
     Settings(settings::SettingsError),
+    /// Measurements could not be made.
+    #[error(transparent)]
+    Bench(#[from] BenchError),
+    /// A file of results cannot be used.
+    #[error("{}: {what}", path.display())]
+    Results { path: PathBuf, what: String },
     /// The service could not be started, or failed.
     #[error("{0}: {1}")]
     Service(String, io::Error),
@@ -100,6 +111,7 @@ pub fn main() -> ExitCode {
         Command::Verify(arguments) => verify::run(&arguments),
         Command::Modes(arguments) => modes::run(&arguments),
         Command::Scenario(arguments) => scenario::run(&arguments),
+        Command::Bench(arguments) => bench::run(&arguments),
         Command::Serve(arguments) => serve::run(*arguments),
         Command::Health(arguments) => Ok(health::run(&arguments)),
     };

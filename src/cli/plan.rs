@@ -4,12 +4,11 @@ use std::io::{IsTerminal, Write};
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
-use clap::ValueEnum;
-
+use super::guidance::Guidance;
 use super::{Answer, CliError, budget, input, interrupt};
 use crate::plan::Metrics;
 use crate::planner::{self, PlannerEvent, Termination};
-use crate::problem::{GuidanceKind, Options};
+use crate::problem::Options;
 use crate::run::{CancelToken, Control, Deadline};
 
 /// Arguments of `plan`. Those that stand here come before the problem's own options.
@@ -38,16 +37,6 @@ pub(super) struct Arguments {
     /// Where the best plan goes, instead of stdout
     #[arg(long)]
     out: Option<PathBuf>,
-}
-
-#[derive(Debug, Clone, Copy, ValueEnum)]
-enum Guidance {
-    /// All objects at once, on the mode graph
-    Smart,
-    /// One unfinished object after the other
-    Sequential,
-    /// Every object's own next move
-    Greedy,
 }
 
 pub(super) fn run(arguments: &Arguments) -> Result<Answer, CliError> {
@@ -89,11 +78,7 @@ fn override_options(options: &mut Options, arguments: &Arguments) {
         options.seed = seed;
     }
     if let Some(guidance) = arguments.guidance {
-        options.guidance = match guidance {
-            Guidance::Smart => GuidanceKind::Smart,
-            Guidance::Sequential => GuidanceKind::Sequential,
-            Guidance::Greedy => GuidanceKind::Greedy,
-        };
+        options.guidance = guidance.into();
     }
     if let Some(threads) = arguments.threads {
         options.threads = usize::try_from(threads).unwrap_or(1);
