@@ -9,12 +9,14 @@
 //! `T` steps. The least such `T` over all fractional choices of paths is the value of a zero-sum
 //! game between arms and objects: for any weights `w_a >= 0` with sum 1,
 //! `T >= sum_a w_a (h_a + t_a) + sum_i (least w-weighted load of a path of object i)`. The weights are
-//! found by multiplicative updates (Freund and Schapire 1999); every round gives a valid bound.
+//! found by regret matching (RM+: Tammelin 2014) against best answers; every round gives a valid bound.
 
 use super::network::{FAR, Network, distances};
 
-/// Rounds of multiplicative updates.
-const ROUNDS: usize = 48;
+/// Rounds of regret matching.
+const ROUNDS: usize = 240;
+/// After how many rounds the average of the weights is tried, too.
+const AVERAGED: usize = 8;
 
 /// Distances of the objects of a state, and what follows from them alone.
 #[derive(Debug, Clone)]
@@ -66,43 +68,104 @@ pub(super) fn static_load(
         return (at_least, vec![0.0; arms]);
     }
     let offsets = head_and_tail(network, reach, at_least);
-    let mut games = Game::new(network, start);
-    let mut weights = vec![1.0 / arms as f64; arms];
-    let mut best_weights = weights.clone();
-    let mut totals = vec![0.0; arms];
+    let mut game = Game::new(network, start);
+    let mut best = (at_least as f64, vec![1.0 / arms as f64; arms]);
     let mut loads = vec![0.0; arms];
-    let mut best = at_least as f64;
-    for round in 1..=ROUNDS {
+    let mut try_out = |weights: &[f64], loads: &mut Vec<f64>, best: &mut (f64, Vec<f64>)| {
         loads.fill(0.0);
-        let least = games.respond(&weights, &mut loads);
+        let least = game.respond(weights, loads);
         let value = least + weights.iter().zip(&offsets).map(|(weight, offset)| weight * offset).sum::<f64>();
-        if value > best {
-            best = value;
-            best_weights.clone_from(&weights);
+        if value > best.0 {
+            *best = (value, weights.to_vec());
         }
+    };
+    let mut weights = best.1.clone();
+    let mut regrets = vec![0.0; arms];
+    let mut totals = vec![0.0; arms];
+    let mut average = vec![0.0; arms];
+    let mut rounds = 0.0;
+    for round in 1..=ROUNDS {
+        try_out(&weights, &mut loads, &mut best);
+        // Later rounds count more.
+        let share = round as f64;
+        rounds += share;
         let mut worst: f64 = 0.0;
+        let mean: f64 = (0..arms).map(|arm| weights[arm] * (loads[arm] + offsets[arm])).sum();
         for arm in 0..arms {
-            totals[arm] += loads[arm];
-            worst = worst.max(totals[arm] / round as f64 + offsets[arm]);
+            totals[arm] += share * loads[arm];
+            average[arm] += share * weights[arm];
+            worst = worst.max(totals[arm] / rounds + offsets[arm]);
+            regrets[arm] = f64::max(0.0, regrets[arm] + loads[arm] + offsets[arm] - mean);
         }
         // The average of the answers is a fractional plan: no weights can prove more than that.
-        if round_up(best) >= round_up(worst) {
+        if round_up(best.0) >= round_up(worst) {
             break;
         }
-        // Each round weighs the arms anew by their loads so far.
-        let rate = 1.5 / (1.0 + worst) * (round as f64).sqrt();
-        let shift = worst;
-        let mut sum = 0.0;
-        for arm in 0..arms {
-            let load = totals[arm] / round as f64 + offsets[arm];
-            weights[arm] = (4.0 * rate * (load - shift)).exp();
-            sum += weights[arm];
+        if round % AVERAGED == 0 {
+            let averaged: Vec<f64> = average.iter().map(|weight| weight / rounds).collect();
+            try_out(&averaged, &mut loads, &mut best);
         }
-        for weight in &mut weights {
-            *weight /= sum;
+        let sum: f64 = regrets.iter().sum();
+        if sum <= 0.0 {
+            break;
+        }
+        for arm in 0..arms {
+            weights[arm] = regrets[arm] / sum;
         }
     }
-    (round_up(best), best_weights)
+    let least = round_up(best.0);
+    drop(try_out);
+    (whole_carries(network, start, &mut game, &offsets, &best.1, least), best.1)
+}
+
+/// A bound from carries being whole: an arm whose hand is empty at the start and in the end acts an
+/// even number of times, in the steps that its head and tail leave it. Sets of arms that are weighed
+/// alike, or have equal heads and tails, must together make all the acts that any plan needs of them.
+/// Returns that or `at_least`.
+fn whole_carries(
+    network: &Network,
+    start: &[u16],
+    game: &mut Game,
+    offsets: &[f64],
+    weights: &[f64],
+    at_least: usize,
+) -> usize {
+    let arms = offsets.len();
+    let mut sets: Vec<Vec<bool>> = Vec::new();
+    let heaviest = weights.iter().copied().fold(0.0, f64::max);
+    for share in [0.1, 0.3, 0.6] {
+        sets.push(weights.iter().map(|&weight| weight >= share * heaviest).collect());
+    }
+    for &offset in offsets {
+        sets.push(offsets.iter().map(|&other| other == offset).collect());
+    }
+    sets.sort();
+    sets.dedup();
+    let holds = |arm: usize| start.contains(&network.arms[arm]);
+    let may_keep = |arm: usize| network.kinds.iter().any(|kind| kind.is_goal[network.arms[arm] as usize]);
+    let mut loads = vec![0.0; arms];
+    let mut bound = at_least;
+    for set in sets {
+        let counted: Vec<f64> = set.iter().map(|&inside| f64::from(u8::from(inside))).collect();
+        let needed = round_up(game.respond(&counted, &mut loads));
+        let room = |horizon: usize| -> usize {
+            let of_arm = |arm: usize| {
+                let acts = horizon.saturating_sub(offsets[arm] as usize);
+                match (may_keep(arm), holds(arm)) {
+                    (true, _) => acts,
+                    (false, false) => acts - acts % 2,
+                    (false, true) => acts.saturating_sub(1 - acts % 2),
+                }
+            };
+            (0..arms).filter(|&arm| set[arm]).map(of_arm).sum()
+        };
+        if set.contains(&true) {
+            while room(bound) < needed {
+                bound += 1;
+            }
+        }
+    }
+    bound
 }
 
 /// The least whole number not under `value`, forgiving rounding errors on the safe side.

@@ -85,6 +85,27 @@ impl Relaxation {
         }
     }
 
+    /// What the prices found so far make of being at each node in each step of a plan of `horizon`
+    /// steps, written to `out` by step, then node: stretched in the middle where it is longer.
+    pub(super) fn node_prices(&self, network: &Network, horizon: usize, unit: u64, out: &mut Vec<u64>) {
+        out.clear();
+        if horizon < self.horizon || self.horizon == 0 {
+            return;
+        }
+        let middle = self.horizon / 2;
+        let surplus = horizon - self.horizon;
+        for step in 0..horizon {
+            let own = if step < middle { step } else { step.saturating_sub(surplus).max(middle) };
+            let own = own.min(self.horizon - 1);
+            let row = &self.price[own * self.width..(own + 1) * self.width];
+            for node in 0..network.node_count() {
+                let resources = network.resources.get(node).iter();
+                let price: i64 = resources.map(|&resource| row[resource as usize]).sum();
+                out.push(unit * price.max(0) as u64);
+            }
+        }
+    }
+
     /// Up to `rounds` steps; true once the horizon is proved too short.
     pub(super) fn refute(&mut self, network: &Network, start: &[u16], rounds: usize) -> bool {
         for _ in 0..rounds {

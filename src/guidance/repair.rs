@@ -69,6 +69,11 @@ impl<'a> Repair<'a> {
         order.into_iter().all(|object| self.plan(object, u64::from(shuffled)))
     }
 
+    /// What being at each node costs beyond conflicts; see [`RouteSearch::bias`].
+    pub(super) fn bias(&mut self) -> &mut Vec<u64> {
+        &mut self.search.bias
+    }
+
     /// Whether routes may rest on any slot, or only on one of each neighbourhood.
     pub(super) fn all_slots(&mut self, all: bool) {
         self.search.all_slots = all;

@@ -11,6 +11,10 @@ const CONFLICT: u64 = 1 << 32;
 const TOLL: u64 = 1 << 26;
 /// Cost of not being at the goal for one step: breaks ties between routes of equal weight.
 const LATE: u64 = 1;
+/// Cost of one unit of bias: more than any weight.
+pub(super) const BIAS: u64 = 1 << 16;
+/// Cost of waiting in a hand for one step: elsewhere it keeps nobody from working.
+const HOLD: u64 = 1 << 18;
 /// Weights are shifted up by this, to leave room for ties.
 const WEIGHT_SHIFT: u32 = 6;
 
@@ -22,6 +26,13 @@ pub(super) struct RouteSearch {
     parent: Vec<u16>,
     /// Whether routes may rest on any slot, or only on one of each neighbourhood.
     pub(super) all_slots: bool,
+    /// What being at a node before a step, or entering it in the step, costs beyond conflicts, by
+    /// step, then node; empty for nothing.
+    pub(super) bias: Vec<u64>,
+    /// What entering each node costs in the step that is looked at, where that is known yet; else
+    /// `u64::MAX`.
+    entry: Vec<u64>,
+    entered: Vec<u16>,
 }
 
 impl RouteSearch {
@@ -55,6 +66,9 @@ impl RouteSearch {
             return None;
         }
         let tolled = !tolls.is_empty();
+        self.entry.clear();
+        self.entry.resize(count, u64::MAX);
+        self.entered.clear();
         self.cost[0][start] = 0;
         self.active[0].push(start as u16);
         for step in 0..horizon {
@@ -63,18 +77,23 @@ impl RouteSearch {
             let mut reached = std::mem::take(&mut self.active[then]);
             let remaining = left(step + 1);
             let parents = (step + 1) * count;
+            for node in self.entered.drain(..) {
+                self.entry[node as usize] = u64::MAX;
+            }
             for &node in &active {
                 let node = node as usize;
                 let so_far = self.cost[now][node];
                 self.cost[now][node] = u64::MAX;
                 let mut base = so_far
                     + CONFLICT * timetable.presence(network, node, step)
+                    + self.bias.get(step * count + node).copied().unwrap_or(0)
                     + if kind.is_goal[node] { 0 } else { LATE };
                 if tolled {
                     base += TOLL * tolls.of_presence(object, node, step);
                 }
                 if kind.to_goal[node] <= remaining {
-                    let cost = base + jitter(noise, node, node, step);
+                    let wait = if network.is_arm[node] { HOLD } else { 0 };
+                    let cost = base + wait + jitter(noise, node, node, step);
                     let known = &mut self.cost[then][node];
                     if *known == u64::MAX {
                         reached.push(node as u16);
@@ -94,7 +113,12 @@ impl RouteSearch {
                     if cost >= self.cost[then][next] {
                         continue;
                     }
-                    cost += CONFLICT * timetable.entry(network, next, step) + jitter(noise, node, next, step);
+                    if self.entry[next] == u64::MAX {
+                        let biased = self.bias.get(step * count + next).copied().unwrap_or(0);
+                        self.entry[next] = biased + CONFLICT * timetable.entry(network, next, step);
+                        self.entered.push(next as u16);
+                    }
+                    cost += self.entry[next] + jitter(noise, node, next, step);
                     if tolled {
                         cost += TOLL * tolls.of_move(object, node, next, step);
                     }

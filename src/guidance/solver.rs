@@ -12,6 +12,7 @@ use super::network::Network;
 use super::program::{Commodities, Outcome, decide};
 use super::relaxation::Relaxation;
 use super::repair::Repair;
+use super::route::BIAS;
 use super::solution::{Answer, Certificate, Infeasible, Proof, Solution};
 use super::timetable::Route;
 use crate::run::{Control, Seed};
@@ -231,6 +232,13 @@ impl Run<'_> {
         rounds.min((self.effort.batch / each).max(1))
     }
 
+    /// Plans all objects anew at `horizon`, along the prices of the relaxation: what is cheap there
+    /// leaves the others the most room.
+    fn begin(&mut self, horizon: usize, shuffled: bool) -> bool {
+        self.relaxation.node_prices(self.network, horizon, BIAS, self.repair.bias());
+        self.repair.begin(horizon, self.cuts, shuffled)
+    }
+
     /// Repairs the current routes at `horizon`.
     fn mend(&mut self, rounds: usize, horizon: usize) -> bool {
         let rounds = self.affordable(rounds, USUAL_NEIGHBOURHOOD, horizon);
@@ -254,6 +262,7 @@ impl Run<'_> {
     }
 
     fn keep(&mut self) {
+        self.repair.bias().clear();
         self.repair.polish(self.effort.polish_rounds, self.control);
         let found = self.repair.solution();
         if found.steps.len() < self.steps() {
@@ -276,7 +285,7 @@ impl Run<'_> {
                 return Some(reason);
             }
             self.repair.all_slots(false);
-            if self.repair.begin(horizon, self.cuts, false) && self.mend(OPENING, horizon) {
+            if self.begin(horizon, false) && self.mend(OPENING, horizon) {
                 self.keep();
                 return None;
             }
@@ -302,7 +311,7 @@ impl Run<'_> {
                 continue;
             }
             self.repair.all_slots(true);
-            if self.repair.begin(horizon, self.cuts, true) && self.mend(self.effort.first_rounds, horizon) {
+            if self.begin(horizon, true) && self.mend(self.effort.first_rounds, horizon) {
                 self.keep();
                 return None;
             }
@@ -358,7 +367,7 @@ impl Run<'_> {
             let rounds = (16 * share).min(repairs);
             repairs -= rounds;
             self.repair.all_slots(share % 2 == 0);
-            if rounds > 0 && self.repair.begin(horizon, self.cuts, true) && self.mend(rounds, horizon) {
+            if rounds > 0 && self.begin(horizon, true) && self.mend(rounds, horizon) {
                 self.keep();
                 (repairs, share) = (self.effort.repair_rounds, 1);
                 continue;
