@@ -24,8 +24,7 @@ fn problem(arms: usize, objects: usize, seed: u64) -> Option<Problem> {
 fn build(problem: &Problem, memory: Arc<ReachMemory>) -> usize {
     let world = CollisionWorld::new(problem);
     let mut reach = SampledReach::remembering(problem, &world, Seed(0), memory);
-    let options = ModeGraphOptions { merge_goals: false, ..ModeGraphOptions::default() };
-    build_mode_graph(problem, &mut reach, &options, &Control::unbounded()).edges.len()
+    build_mode_graph(problem, &mut reach, &ModeGraphOptions::planning(), &Control::unbounded()).edges.len()
 }
 
 fn modes(criterion: &mut Criterion) {

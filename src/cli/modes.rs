@@ -50,7 +50,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<Answer, CliError> {
         let world = CollisionWorld::new(&problem);
         let seed = Seed(arguments.seed.unwrap_or(problem.options.seed));
         let mut reach = SampledReach::new(&problem, &world, seed);
-        build_mode_graph(&problem, &mut reach, &ModeGraphOptions::default(), &control)
+        build_mode_graph(&problem, &mut reach, &ModeGraphOptions::planning(), &control)
     };
     let text = match arguments.format {
         Format::Text => graph.to_text(&problem),

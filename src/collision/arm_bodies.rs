@@ -84,6 +84,14 @@ impl ArmBodies {
         }
     }
 
+    /// The same bodies on an arm that differs in its base alone.
+    pub(super) fn moved_to(&self, arm: &Arm) -> Self {
+        let mut poses = Vec::new();
+        arm.model.link_poses(&vec![0.0; arm.model.dof()], &mut poses);
+        let first = arm.model.joints.first().map_or(0, |joint| joint.link);
+        Self { reach_centre: (arm.base * poses[first]).translation.vector, ..self.clone() }
+    }
+
     /// Places all atoms with the links at `links` (world frame).
     #[cfg(test)]
     pub(super) fn place(&self, links: &[Pose], out: &mut Vec<PlacedAtom>) {

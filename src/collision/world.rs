@@ -84,7 +84,7 @@ impl CollisionWorld {
     /// The same on a chosen instruction set.
     pub fn with_instructions(problem: &Problem, set: InstructionSet) -> Self {
         let workcell = problem.workcell.clone();
-        let arms: Vec<ArmBodies> = workcell.arms.iter().map(ArmBodies::new).collect();
+        let arms = arm_bodies(&workcell);
         let mut obstacles = Vec::new();
         for (index, obstacle) in workcell.obstacles.iter().enumerate() {
             for placed in &obstacle.shapes {
@@ -376,6 +376,25 @@ impl CollisionWorld {
         let lanes = LaneMover { arm: lane_arm, held: lane_held };
         Mover { arm, base: model.base, bodies, motion, held, exemption, lanes }
     }
+}
+
+/// The bodies of every arm; arms that differ in nothing but their place are compiled once.
+fn arm_bodies(workcell: &Workcell) -> Vec<ArmBodies> {
+    let mut bodies: Vec<ArmBodies> = Vec::new();
+    for (index, arm) in workcell.arms.iter().enumerate() {
+        let equal = workcell.arms[..index].iter().position(|other| {
+            Arc::ptr_eq(&other.model, &arm.model)
+                && other.tool == arm.tool
+                && other.limits == arm.limits
+                && other.exempt_groups == arm.exempt_groups
+                && other.hand_groups == arm.hand_groups
+        });
+        bodies.push(match equal {
+            Some(known) => bodies[known].moved_to(arm),
+            None => ArmBodies::new(arm),
+        });
+    }
+    bodies
 }
 
 /// The atoms of each object in its frame.

@@ -37,6 +37,14 @@ impl Default for ModeGraphOptions {
     }
 }
 
+impl ModeGraphOptions {
+    /// As the planner wants it: goals stay apart from their regions, so that an object may be put
+    /// aside right beside its goal.
+    pub fn planning() -> Self {
+        Self { merge_goals: false, ..Self::default() }
+    }
+}
+
 /// What was found for one class of objects.
 struct ClassSurvey {
     /// Groups by surface.

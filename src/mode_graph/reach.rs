@@ -79,6 +79,20 @@ pub trait Reach {
         possible.iter().any(|hold| self.has_hold(action, arm, object, pose, surface, hold))
     }
 
+    /// Whether `arm` seems to be able to do `action`: an estimate for placements that are looked at
+    /// again before they are used. It needs a collision-free grasp, but not that the straight lines
+    /// are free of collision, too.
+    fn seems_to_reach(
+        &mut self,
+        action: RestAction,
+        arm: ArmId,
+        object: ObjectId,
+        pose: &Pose,
+        surface: SurfaceId,
+    ) -> bool {
+        self.reaches(action, arm, object, pose, surface)
+    }
+
     /// A handoff of `object` from `giver`, which has it in one of `giver_holds`, to `receiver`,
     /// which takes it in one of `receiver_holds`; `None` when none is found.
     fn handoff(

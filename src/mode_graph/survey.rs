@@ -223,7 +223,7 @@ impl Surveyor<'_> {
             .collect()
     }
 
-    /// The arms that can both pick and place at a spot.
+    /// The arms that seem to be able to both pick and place at a spot.
     fn spot_arms(
         &mut self,
         reachable: &[ArmId],
@@ -242,8 +242,8 @@ impl Surveyor<'_> {
             }
             let good = poses.iter().take(tries).any(|pose| {
                 self.proof.may_hold(arm, class, std::slice::from_ref(pose))
-                    && self.reach.reaches(RestAction::Place, arm, object, pose, surface)
-                    && (mirrored || self.reach.reaches(RestAction::Pick, arm, object, pose, surface))
+                    && self.reach.seems_to_reach(RestAction::Place, arm, object, pose, surface)
+                    && (mirrored || self.reach.seems_to_reach(RestAction::Pick, arm, object, pose, surface))
             });
             if good {
                 arms.push(arm);

@@ -50,9 +50,7 @@ pub fn plan_with(
     let world = compiled.world(problem);
     progress(observe, "mode_graph");
     let mut reach = SampledReach::remembering(problem, &world, seed, compiled.memory());
-    // Goals stay apart from their regions, so that an object may be put aside right beside its goal.
-    let options = ModeGraphOptions { merge_goals: false, ..ModeGraphOptions::default() };
-    let graph = build_mode_graph(problem, &mut reach, &options, control);
+    let graph = build_mode_graph(problem, &mut reach, &ModeGraphOptions::planning(), control);
     progress(observe, "guidance");
     let bound = lower_bound(problem, seed, control);
     if bound.infeasible {

@@ -91,26 +91,30 @@ impl<'a> Grounding<'a> {
         self.world.hand_free(self.query.arm, &self.tcp, Some(&self.held), self.touching)
     }
 
-    /// Up to `most` configurations at the contact, not checked yet.
+    /// Of up to `most` configurations at the contact those at which arm and object are free.
     pub(super) fn configurations(&self, most: usize, rng: &mut Rng) -> Vec<Config> {
         let arm = &self.problem.workcell.arms[self.query.arm.0];
         let mount = arm.base.inverse() * self.tcp * arm.tool.tcp.inverse();
         let mut solutions = Vec::new();
         arm.model.inverse(&arm.limits, &mount, most, rng, &mut solutions);
+        let all: Vec<&[f64]> = solutions.iter().map(|q| &q[..]).collect();
+        let (held, empty) = (Some(&self.held), Scene::default());
+        let free = self.world.configs_free(self.query.arm, &all, held, &empty, self.touching);
+        let mut free = free.into_iter();
+        solutions.retain(|_| free.next().unwrap_or(false));
         solutions
     }
 
-    /// The contact at `q` with its lines, if arm and object are free of the static workcell and of
-    /// each other on the whole way.
-    pub(super) fn ground(&self, q: &Config) -> Option<Contact> {
-        let (arm_id, held, touching) = (self.query.arm, &self.held, self.touching);
+    /// Whether the arm can follow the lines from `q`, one of [`Self::configurations`].
+    pub(super) fn seems_good(&self, q: &Config) -> bool {
+        self.lines(q).is_some()
+    }
+
+    /// The lines of approach and retreat at `q`.
+    fn lines(&self, q: &Config) -> Option<(Line, Line)> {
         let workcell = &self.problem.workcell;
-        let arm = &workcell.arms[arm_id.0];
+        let arm = &workcell.arms[self.query.arm.0];
         let object = &self.problem.objects[self.query.object.0];
-        let empty = Scene::default();
-        if !self.world.config_free(arm_id, q, Some(held), &empty, touching) {
-            return None;
-        }
         let own_z = self.tcp.rotation * Vec3::z();
         let normal = workcell.surfaces[self.query.surface.0].normal();
         let (approach_direction, retreat_direction) = match self.query.kind {
@@ -119,6 +123,15 @@ impl<'a> Grounding<'a> {
         };
         let approach = Line::follow(arm, q, &approach_direction, object.approach)?;
         let retreat = Line::follow(arm, q, &retreat_direction, object.retreat)?;
+        Some((approach, retreat))
+    }
+
+    /// The contact at `q`, one of [`Self::configurations`], with its lines, if arm and object are free of the static workcell and of
+    /// each other on the whole way.
+    pub(super) fn ground(&self, q: &Config) -> Option<Contact> {
+        let (arm_id, held, touching) = (self.query.arm, &self.held, self.touching);
+        let (approach, retreat) = self.lines(q)?;
+        let empty = Scene::default();
         let (holding, without) = match self.query.kind {
             ContactKind::Pick => (&retreat, &approach),
             ContactKind::Place => (&approach, &retreat),

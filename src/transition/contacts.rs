@@ -93,7 +93,7 @@ impl<'a> Contacts<'a> {
     /// Samples once more and adds what is found to what is remembered; whether there was any.
     pub fn more(&mut self, query: &ContactQuery, object_in_tcp: &Pose) -> bool {
         self.at(query, object_in_tcp);
-        let (asked, is_reversed) = self.canonical(query);
+        let (asked, _) = self.canonical(query);
         let grounding = Grounding::new(self.problem, self.world, &asked, object_in_tcp);
         if !self.has_room(&asked, object_in_tcp, &grounding) {
             return false;
@@ -105,7 +105,7 @@ impl<'a> Contacts<'a> {
         if fresh.is_empty() {
             return false;
         }
-        let entry = self.known.entry(self.key(&asked, is_reversed, object_in_tcp)).or_default();
+        let entry = self.known.entry(self.key(&asked, object_in_tcp)).or_default();
         entry.push(fresh);
         // The oldest go first, so that a long run keeps sampling densely in bounded memory.
         if entry.found.len() > 8 * most {
@@ -141,6 +141,21 @@ impl<'a> Contacts<'a> {
     /// Whether the contact can be had by any grasp.
     pub fn any(&mut self, query: &ContactQuery) -> bool {
         self.possible_holds(query).iter().any(|(_, hold)| self.has(query, hold))
+    }
+
+    /// Whether it looks as if the contact could be had: a cheap estimate of [`Self::any`] that
+    /// leaves out whether the lines are free of collision. Nothing is remembered of it.
+    pub fn seems_possible(&mut self, query: &ContactQuery) -> bool {
+        let (asked, _) = self.canonical(query);
+        self.possible_holds(&asked).iter().any(|(_, hold)| {
+            let key = self.key(&asked, hold);
+            if self.known.get(&key).is_some_and(|entry| !entry.found.is_empty()) {
+                return true;
+            }
+            let grounding = Grounding::new(self.problem, self.world, &asked, hold);
+            let configurations = grounding.configurations(3 * self.most(), &mut stream(&key));
+            configurations.iter().any(|q| grounding.seems_good(q))
+        })
     }
 
     /// Whether a contact and its lines are clear of the other objects at rest in `scene` (the
@@ -212,7 +227,7 @@ impl<'a> Contacts<'a> {
         (*query, false)
     }
 
-    fn key(&self, canonical: &ContactQuery, _is_reversed: bool, hold: &Pose) -> Key {
+    fn key(&self, canonical: &ContactQuery, hold: &Pose) -> Key {
         let class = self.problem.objects[canonical.object.0].class;
         let is_place = canonical.kind == ContactKind::Place;
         (canonical.arm.0, is_place, class, bits(&canonical.pose), bits(hold))
@@ -221,7 +236,7 @@ impl<'a> Contacts<'a> {
     /// At least `wanted` contacts, or all that the first configurations give.
     fn ground(&mut self, query: &ContactQuery, hold: &Pose, wanted: usize) -> Arc<Vec<Contact>> {
         let (asked, is_reversed) = self.canonical(query);
-        let key = self.key(&asked, is_reversed, hold);
+        let key = self.key(&asked, hold);
         if !self.known.contains_key(&key) {
             let entry = self.begin(&asked, hold, &key);
             self.known.insert(key, entry);

@@ -23,7 +23,18 @@ const MOST_HANDOFFS: usize = 20_000;
 /// Number of a class of objects in this memory.
 pub(super) type Class = u32;
 
-/// A pick or place: class, whether it is a place, arm, surface, pose, and the grasp (`None` for any).
+/// What is asked about a pick or place.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub(super) enum Matter {
+    /// Whether it seems possible.
+    Estimate,
+    /// Whether it is, by any grasp.
+    Any,
+    /// Whether it is, by the grasp of this number.
+    Grasp(usize),
+}
+
+/// A pick or place: class, whether it is a place, arm, surface, pose, and what is asked.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) struct RestQuestion {
     class: Class,
@@ -31,7 +42,7 @@ pub(super) struct RestQuestion {
     arm: usize,
     surface: usize,
     pose: [u64; 7],
-    grasp: Option<usize>,
+    matter: Matter,
 }
 
 impl RestQuestion {
@@ -41,10 +52,10 @@ impl RestQuestion {
         arm: ArmId,
         surface: SurfaceId,
         pose: &Pose,
-        grasp: Option<usize>,
+        matter: Matter,
     ) -> Self {
         let is_place = action == RestAction::Place;
-        Self { class, is_place, arm: arm.0, surface: surface.0, pose: bits(pose), grasp }
+        Self { class, is_place, arm: arm.0, surface: surface.0, pose: bits(pose), matter }
     }
 }
 

@@ -12,7 +12,7 @@ use crate::workcell::{ArmId, ObjectId, SurfaceId};
 use super::contact::{ContactKind, ContactQuery};
 use super::contacts::{Contacts, bits};
 use super::handoff::HandoffQuery;
-use super::memory::{Class, HandoffQuestion, ReachMemory, RestQuestion};
+use super::memory::{Class, HandoffQuestion, Matter, ReachMemory, RestQuestion};
 
 /// Object poses tried before a handoff counts as impossible.
 const HANDOFF_TRIES: usize = 400;
@@ -108,11 +108,9 @@ impl Reach for SampledReach<'_> {
     ) -> bool {
         let query = contact_query(action, arm, object, pose, surface);
         let find = |contacts: &mut Contacts<'_>| contacts.has(&query, &hold.object_in_tcp);
-        if hold.grasp.is_none() {
-            return find(&mut self.contacts);
-        }
+        let Some(grasp) = hold.grasp else { return find(&mut self.contacts) };
         let class = self.classes[object.0];
-        self.remembered(RestQuestion::new(class, action, arm, surface, pose, hold.grasp), find)
+        self.remembered(RestQuestion::new(class, action, arm, surface, pose, Matter::Grasp(grasp)), find)
     }
 
     fn reaches(
@@ -124,8 +122,22 @@ impl Reach for SampledReach<'_> {
         surface: SurfaceId,
     ) -> bool {
         let query = contact_query(action, arm, object, pose, surface);
-        let question = RestQuestion::new(self.classes[object.0], action, arm, surface, pose, None);
+        let question = RestQuestion::new(self.classes[object.0], action, arm, surface, pose, Matter::Any);
         self.remembered(question, |contacts| contacts.any(&query))
+    }
+
+    fn seems_to_reach(
+        &mut self,
+        action: RestAction,
+        arm: ArmId,
+        object: ObjectId,
+        pose: &Pose,
+        surface: SurfaceId,
+    ) -> bool {
+        let query = contact_query(action, arm, object, pose, surface);
+        let class = self.classes[object.0];
+        let question = RestQuestion::new(class, action, arm, surface, pose, Matter::Estimate);
+        self.remembered(question, |contacts| contacts.seems_possible(&query))
     }
 
     fn handoff(
