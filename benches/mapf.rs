@@ -4,11 +4,17 @@
 //! makes them, and the baselines' cost per step.
 
 use criterion::{Criterion, criterion_group, criterion_main};
+use quadrille::collision::CollisionWorld;
+use quadrille::guidance::Answer;
 use quadrille::guidance::generate::{Grid, derangement};
 use quadrille::guidance::{Cuts, Effort, Instance, Network, solve};
+use quadrille::mode_graph::{ModeGraphOptions, build_mode_graph};
 use quadrille::run::{Control, Seed};
+use quadrille::scenario::{Family, generate};
+use quadrille::transition::SampledReach;
+use quadrille::wire::{LibraryOnly, ReadLimits, read_problem_value};
 use std::hint::black_box;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 fn run(criterion: &mut Criterion, name: &str, instance: Instance, effort: &Effort) {
     let Ok(network) = Network::new(instance) else { return };
@@ -49,6 +55,43 @@ fn refined(criterion: &mut Criterion) {
     }
 }
 
+/// The instance that the planner solves for a generated problem.
+fn generated(arms: usize, objects: usize, seed: u64) -> Option<Instance> {
+    let document = generate(Family::Random, arms, objects, seed).ok()?;
+    let problem = read_problem_value(&document, &LibraryOnly, &ReadLimits::default()).ok()?.problem;
+    let world = CollisionWorld::new(&problem);
+    let mut reach = SampledReach::new(&problem, &world, Seed(seed));
+    let control = Control::unbounded();
+    Some(Instance::from(&build_mode_graph(&problem, &mut reach, &ModeGraphOptions::planning(), &control)))
+}
+
+/// Prints how many of 20 generated problems of each size are proved within 2 s, with what gap in the
+/// others, and measures the first of them.
+fn scenarios(criterion: &mut Criterion) {
+    for (arms, objects) in [(9, 4), (9, 20), (16, 50)] {
+        let instances: Vec<Instance> = (0..20).filter_map(|seed| generated(arms, objects, seed)).collect();
+        let (mut proved, mut gap, mut times) = (0, 0, Vec::new());
+        for instance in &instances {
+            let Ok(network) = Network::new(instance.clone()) else { continue };
+            let control = Control::with_budget(Duration::from_secs(2));
+            let began = Instant::now();
+            let start = instance.start();
+            let answer = solve(&network, &start, &Cuts::none(), &Effort::thorough(), Seed(1), &control);
+            times.push(began.elapsed());
+            if let Ok(Answer::Solved(_, certificate)) = answer {
+                proved += usize::from(certificate.optimum.is_some());
+                gap = gap.max(certificate.steps - certificate.lower_bound);
+            }
+        }
+        times.sort();
+        let median = times.get(times.len() / 2).copied().unwrap_or_default();
+        println!("generated/{arms}x{objects}: {proved}/20 proved, greatest gap {gap}, median {median:?}");
+        if let Some(instance) = instances.into_iter().next() {
+            run(criterion, &format!("generated/{arms}x{objects}"), instance, &Effort::quick());
+        }
+    }
+}
+
 fn compiling(criterion: &mut Criterion) {
     let instance = grid(3, 3).refined(20, &mut Seed(0).stream("bench"));
     criterion.bench_function("network/9x20", |bencher| {
@@ -62,6 +105,6 @@ criterion_group! {
         .sample_size(10)
         .warm_up_time(Duration::from_millis(300))
         .measurement_time(Duration::from_secs(1));
-    targets = switches, swaps, refined, compiling
+    targets = switches, swaps, refined, scenarios, compiling
 }
 criterion_main!(mapf);
