@@ -27,11 +27,13 @@ build: setup
 demo: build
 	@deploy/demo.sh
 
-test: setup
+test:
+	@deploy/setup.sh test
 	$(CARGO) test --release --locked
 
 # The long forms, one after the other: they measure.
-soak: setup
+soak:
+	@deploy/setup.sh test
 	QUADRILLE_SOAK=1 $(CARGO) test --release --locked --test service -- --nocapture --test-threads 1 kills:: load:: durable:: fuzz:: foreign::
 
 api: setup

@@ -1,5 +1,6 @@
 #!/bin/sh
-# Installs, by apt-get and only where missing, what a build needs beyond Rust.
+# Installs, by apt-get and only where missing, what a build needs beyond Rust; with the argument `test` also what the tests need
+# (Python, for clients that share no code with the service).
 set -eu
 
 missing=""
@@ -14,6 +15,10 @@ for library in /usr/lib/llvm-*/lib/libclang*.so* /usr/lib/*/libclang*.so* /usr/l
     [ ! -e "$library" ] || clang=$library
 done
 [ -n "$clang" ] || missing="$missing libclang-dev"
+
+if [ "${1:-}" = test ]; then
+    python3 -c 'import ensurepip, venv' >/dev/null 2>&1 || missing="$missing python3 python3-venv"
+fi
 
 if ! command -v cargo >/dev/null 2>&1; then
     echo "cargo is missing: install Rust (https://rustup.rs), then try again" >&2

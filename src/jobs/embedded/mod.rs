@@ -67,6 +67,9 @@ impl Default for Retention {
 pub struct EmbeddedStore {
     database: Arc<Database>,
     retention: Retention,
+    /// Held by whoever changes anything, over the commit and what is in memory.
+    writing: Mutex<()>,
+    /// What is in memory. Never held over a commit, so that readers do not wait for the disk.
     inner: Mutex<Inner>,
 }
 
@@ -154,7 +157,12 @@ impl EmbeddedStore {
             }
         }
         drop(read);
-        Ok(Self { database: Arc::new(database), retention, inner: Mutex::new(inner) })
+        Ok(Self {
+            database: Arc::new(database),
+            retention,
+            writing: Mutex::default(),
+            inner: Mutex::new(inner),
+        })
     }
 
     /// The database, for what else is kept in the same file.
@@ -165,6 +173,10 @@ impl EmbeddedStore {
     fn lock(&self) -> MutexGuard<'_, Inner> {
         // What is in memory changes only after a commit, in steps that do not panic.
         self.inner.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn begin(&self) -> MutexGuard<'_, ()> {
+        self.writing.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     fn read(&self) -> Result<ReadTransaction, StoreError> {
@@ -224,7 +236,7 @@ impl EmbeddedStore {
 
 impl JobStore for EmbeddedStore {
     fn create(&self, job: NewJob) -> Result<JobRecord, StoreError> {
-        let mut inner = self.lock();
+        let _writing = self.begin();
         let id = job.id.as_u128();
         let mut kept = Kept {
             record: JobRecord::new(&job),
@@ -258,7 +270,7 @@ impl JobStore for EmbeddedStore {
         let record = kept.record.clone();
         let mut open = Open::new(kept);
         open.push(event);
-        inner.open.insert(job.id, open);
+        self.lock().open.insert(job.id, open);
         Ok(record)
     }
 
@@ -273,31 +285,25 @@ impl JobStore for EmbeddedStore {
     }
 
     fn lease(&self, job: JobId, now: Timestamp, _until: Timestamp) -> Result<Lease, StoreError> {
-        let mut inner = self.lock();
-        let Some(open) = inner.open.get_mut(&job) else {
-            drop(inner);
-            let state = self.kept(job)?.record.state;
-            return Err(StoreError::OutOfTurn { job, state, event: "started" });
-        };
-        if open.leased {
+        let _writing = self.begin();
+        if self.lock().open.get(&job).is_some_and(|open| open.leased) {
             return Err(StoreError::Leased(job));
         }
-        if open.kept.record.state != JobState::Queued {
-            return Err(StoreError::OutOfTurn { job, state: open.kept.record.state, event: "started" });
+        let record = self.kept(job)?.record;
+        if record.state != JobState::Queued {
+            return Err(StoreError::OutOfTurn { job, state: record.state, event: "started" });
         }
-        let id = job.as_u128();
-        self.write(|transaction| tables::sign_of_life(transaction, id, now))?;
-        open.leased = true;
-        Ok(Lease { job, attempt: open.kept.record.attempt })
+        self.write(|transaction| tables::sign_of_life(transaction, job.as_u128(), now))?;
+        if let Some(open) = self.lock().open.get_mut(&job) {
+            open.leased = true;
+        }
+        Ok(Lease { job, attempt: record.attempt })
     }
 
     fn renew(&self, lease: Lease, now: Timestamp, _until: Timestamp) -> Result<(), StoreError> {
-        let inner = self.lock();
+        let _writing = self.begin();
         let job = lease.job;
-        let open = inner.open.get(&job).ok_or(StoreError::UnknownJob(job))?;
-        if !open.leased || open.kept.record.attempt != lease.attempt {
-            return Err(StoreError::Fenced { job, attempt: lease.attempt });
-        }
+        self.check_lease(lease)?;
         self.write(|transaction| tables::sign_of_life(transaction, job.as_u128(), now))
     }
 
@@ -333,17 +339,11 @@ impl JobStore for EmbeddedStore {
         at: Timestamp,
         body: EventBody,
     ) -> Result<Arc<Event>, StoreError> {
-        let mut inner = self.lock();
-        let Some(open) = inner.open.get_mut(&job) else {
-            drop(inner);
-            let state = self.kept(job)?.record.state;
-            return Err(StoreError::OutOfTurn { job, state, event: body.kind() });
-        };
-        let record = &open.kept.record;
-        if let Some(lease) = lease
-            && (lease.attempt != record.attempt || !open.leased)
-        {
-            return Err(StoreError::Fenced { job, attempt: lease.attempt });
+        let _writing = self.begin();
+        let mut kept = self.kept(job)?;
+        let record = &kept.record;
+        if let Some(lease) = lease.filter(|_| !record.state.is_terminal()) {
+            self.check_lease(lease)?;
         }
         if !record.admits(&body) {
             return Err(StoreError::OutOfTurn { job, state: record.state, event: body.kind() });
@@ -353,7 +353,6 @@ impl JobStore for EmbeddedStore {
             _ => record.attempt,
         };
         let event = Arc::new(Event { seq: record.last_seq + 1, job, attempt, at, body });
-        let mut kept = open.kept.clone();
         kept.record.apply(&event);
         kept.plan_bytes += document_bytes(&event) as u64;
         let id = job.as_u128();
@@ -373,13 +372,14 @@ impl JobStore for EmbeddedStore {
             }
             tables::put(transaction, RECORDS, id, &encode_record(&kept))
         })?;
+        let mut inner = self.lock();
         if kept.record.state.is_terminal() {
             inner.open.remove(&job);
             inner.ended.insert((at, job), kept.plan_bytes);
             inner.ended_bytes += kept.plan_bytes;
             drop(inner);
-            self.sweep(at)?;
-        } else {
+            self.forget_surplus(at)?;
+        } else if let Some(open) = inner.open.get_mut(&job) {
             open.leased &= !matches!(event.body, EventBody::Retrying(_));
             open.kept = kept;
             open.push(Arc::clone(&event));
@@ -476,28 +476,16 @@ impl JobStore for EmbeddedStore {
     }
 
     fn delete(&self, job: JobId) -> Result<(), StoreError> {
-        let kept = self.kept(job)?;
-        let Some(at) = kept.record.finished_at else { return Err(StoreError::NotEnded(job)) };
-        let mut inner = self.lock();
-        let bytes = inner.ended.remove(&(at, job)).ok_or(StoreError::UnknownJob(job))?;
-        inner.ended_bytes -= bytes;
-        self.forget(job)
+        let _writing = self.begin();
+        let Some(at) = self.kept(job)?.record.finished_at else { return Err(StoreError::NotEnded(job)) };
+        self.forget(job)?;
+        self.lock().let_go(at, job);
+        Ok(())
     }
 
     fn sweep(&self, now: Timestamp) -> Result<(), StoreError> {
-        let mut inner = self.lock();
-        while let Some((&(at, job), &bytes)) = inner.ended.first_key_value() {
-            let surplus = inner.ended.len() > self.retention.jobs
-                || (inner.ended_bytes > self.retention.plan_bytes && inner.ended.len() > 1)
-                || now.since(at) > self.retention.age;
-            if !surplus {
-                break;
-            }
-            self.forget(job)?;
-            inner.ended.pop_first();
-            inner.ended_bytes -= bytes;
-        }
-        Ok(())
+        let _writing = self.begin();
+        self.forget_surplus(now)
     }
 }
 
@@ -505,7 +493,43 @@ fn text(bytes: &[u8]) -> Result<Arc<str>, StoreError> {
     std::str::from_utf8(bytes).map(Arc::from).map_err(broken)
 }
 
+impl Inner {
+    /// The ended job that is to go next, if any.
+    fn surplus(&self, retention: &Retention, now: Timestamp) -> Option<(Timestamp, JobId)> {
+        let (&(at, job), _) = self.ended.first_key_value()?;
+        let surplus = self.ended.len() > retention.jobs
+            || (self.ended_bytes > retention.plan_bytes && self.ended.len() > 1)
+            || now.since(at) > retention.age;
+        surplus.then_some((at, job))
+    }
+
+    fn let_go(&mut self, at: Timestamp, job: JobId) {
+        if let Some(bytes) = self.ended.remove(&(at, job)) {
+            self.ended_bytes -= bytes;
+        }
+    }
+}
+
 impl EmbeddedStore {
+    /// Whether a lease still holds; to be called while nobody else writes.
+    fn check_lease(&self, lease: Lease) -> Result<(), StoreError> {
+        let inner = self.lock();
+        let open = inner.open.get(&lease.job).ok_or(StoreError::UnknownJob(lease.job))?;
+        if open.leased && open.kept.record.attempt == lease.attempt {
+            return Ok(());
+        }
+        Err(StoreError::Fenced { job: lease.job, attempt: lease.attempt })
+    }
+
+    /// Forgets ended jobs beyond what is kept; to be called while nobody else writes.
+    fn forget_surplus(&self, now: Timestamp) -> Result<(), StoreError> {
+        loop {
+            let Some((at, job)) = self.lock().surplus(&self.retention, now) else { return Ok(()) };
+            self.forget(job)?;
+            self.lock().let_go(at, job);
+        }
+    }
+
     fn events_of(
         &self,
         read: &ReadTransaction,
