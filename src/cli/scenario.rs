@@ -34,6 +34,9 @@ struct Generate {
     /// Seed of the sampled poses
     #[arg(long, default_value_t = 0)]
     seed: u64,
+    /// Which robots, dealt out to the arms in turn: iiwa14, ur_type, panda_type
+    #[arg(long, value_delimiter = ',', default_value = "iiwa14")]
+    robots: Vec<String>,
     /// Where the problem goes, instead of stdout
     #[arg(long)]
     out: Option<PathBuf>,
@@ -43,7 +46,10 @@ pub(super) fn run(arguments: &Arguments) -> Result<Answer, CliError> {
     match &arguments.command {
         Command::Generate(wanted) => {
             let family = wanted.family.parse().map_err(CliError::Scenario)?;
-            let document = scenario::generate(family, wanted.arms, wanted.objects, wanted.seed)
+            let robots: Result<Vec<_>, _> = wanted.robots.iter().map(|name| name.parse()).collect();
+            let robots = robots.map_err(CliError::Scenario)?;
+            let (arms, objects) = (wanted.arms, wanted.objects);
+            let document = scenario::generate_with(family, arms, objects, wanted.seed, &robots)
                 .map_err(CliError::Scenario)?;
             input::write(wanted.out.as_deref(), &scenario::to_text(&document))?;
         }

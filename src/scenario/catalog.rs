@@ -1,5 +1,7 @@
 //! The scenarios that ship, as they lie in the repository.
 
+use super::RobotKind;
+
 /// A scenario that ships.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct CatalogEntry {
@@ -7,6 +9,8 @@ pub struct CatalogEntry {
     pub name: &'static str,
     /// Its family.
     pub family: &'static str,
+    /// Which robots it has, dealt out to the arms in turn.
+    pub robots: &'static [RobotKind],
     /// How many arms it has.
     pub arms: usize,
     /// How many objects it has.
@@ -16,27 +20,33 @@ pub struct CatalogEntry {
 }
 
 macro_rules! entries {
-    ($($family:literal: $($arms:literal x $objects:literal),+;)+) => {
+    ($($folder:literal = $family:literal of $robots:expr => $($arms:literal x $objects:literal),+;)+) => {
         &[$($(
             CatalogEntry {
-                name: concat!($family, "/", $arms, "x", $objects),
+                name: concat!($folder, "/", $arms, "x", $objects),
                 family: $family,
+                robots: $robots,
                 arms: $arms,
                 objects: $objects,
                 text: include_str!(
-                    concat!("../../scenarios/", $family, "/", $arms, "x", $objects, ".json")
+                    concat!("../../scenarios/", $folder, "/", $arms, "x", $objects, ".json")
                 ),
             },
         )+)+]
     };
 }
 
+const IIWA: &[RobotKind] = &[RobotKind::Iiwa14];
+
 const CATALOG: &[CatalogEntry] = entries! {
-    "switch": 2 x 2, 4 x 4, 6 x 4, 9 x 4;
-    "side_to_side": 2 x 2, 4 x 4, 6 x 4, 9 x 4;
-    "random": 2 x 2, 4 x 4, 6 x 4, 9 x 4;
-    "in_place_swap": 1 x 2, 2 x 2, 3 x 2;
-    "derangement": 1 x 4, 2 x 6;
+    "switch" = "switch" of IIWA => 2 x 2, 4 x 4, 6 x 4, 9 x 4;
+    "side_to_side" = "side_to_side" of IIWA => 2 x 2, 4 x 4, 6 x 4, 9 x 4;
+    "random" = "random" of IIWA => 2 x 2, 4 x 4, 6 x 4, 9 x 4, 9 x 20, 16 x 50;
+    "in_place_swap" = "in_place_swap" of IIWA => 1 x 2, 2 x 2, 3 x 2;
+    "derangement" = "derangement" of IIWA => 1 x 4, 2 x 6;
+    "switch_ur_type" = "switch" of &[RobotKind::UrType] => 2 x 2;
+    "switch_panda_type" = "switch" of &[RobotKind::PandaType] => 2 x 2;
+    "switch_mixed" = "switch" of &RobotKind::ALL => 3 x 2;
 };
 
 /// All scenarios that ship.
@@ -52,7 +62,7 @@ pub fn find(name: &str) -> Option<&'static CatalogEntry> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scenario::{Family, generate, to_text};
+    use crate::scenario::{Family, generate_with, to_text};
     use crate::wire::{LibraryOnly, ReadLimits, read_problem};
 
     /// The seed of the files.
@@ -62,7 +72,8 @@ mod tests {
     fn files_are_what_the_generator_makes_and_read_without_faults() {
         for entry in catalog() {
             let family: Family = entry.family.parse().unwrap();
-            let made = to_text(&generate(family, entry.arms, entry.objects, SEED).unwrap());
+            let made =
+                to_text(&generate_with(family, entry.arms, entry.objects, SEED, entry.robots).unwrap());
             if std::env::var_os("QUADRILLE_WRITE_SCENARIOS").is_some() {
                 let path = format!("{}/scenarios/{}.json", env!("CARGO_MANIFEST_DIR"), entry.name);
                 std::fs::write(path, &made).unwrap();

@@ -5,7 +5,7 @@ use serde_json::{Map, Value, json};
 
 use super::layout::{End, Layout, PEDESTAL_HEIGHT, TABLE_DEPTH, TABLE_TOP};
 use super::sampling::{CUBE, Place, places, transfers};
-use super::{Family, ScenarioError};
+use super::{Family, RobotKind, ScenarioError};
 use crate::run::{Rng, Seed};
 
 /// Edge (m) of a pedestal's footprint.
@@ -14,15 +14,30 @@ const PEDESTAL: f64 = 0.26;
 /// Thickness (m) of a table's top.
 const TABLE_THICKNESS: f64 = 0.05;
 
-/// Home of every arm (deg).
-const HOME_DEG: [f64; 7] = [0.0, -20.0, 0.0, -110.0, 0.0, 60.0, 0.0];
-
 /// Generates the problem of `family` with `arms` arms, `objects` cubes and the places that `seed`
 /// draws: the same arguments give the same document. Its planner seed is `seed`, too.
 ///
 /// # Errors
 /// When the family does not take these numbers, or the cubes do not fit.
 pub fn generate(family: Family, arms: usize, objects: usize, seed: u64) -> Result<Value, ScenarioError> {
+    generate_with(family, arms, objects, seed, &[RobotKind::Iiwa14])
+}
+
+/// [`generate`] with robots of the kinds given, dealt out to the arms in turn. Poses are drawn for
+/// cells of iiwa14 arms.
+///
+/// # Errors
+/// As [`generate`], and when no kind is given.
+pub fn generate_with(
+    family: Family,
+    arms: usize,
+    objects: usize,
+    seed: u64,
+    robots: &[RobotKind],
+) -> Result<Value, ScenarioError> {
+    if robots.is_empty() {
+        return Err(ScenarioError::NoRobots);
+    }
     let layout = Layout::new(arms)?;
     check_sizes(family, arms, objects)?;
     let mut rng = Seed(seed).stream(&format!("scenario/{}/{arms}x{objects}", family.name()));
@@ -48,8 +63,8 @@ pub fn generate(family: Family, arms: usize, objects: usize, seed: u64) -> Resul
     };
     Ok(json!({
         "schema": "quadrille.problem/1",
-        "name": format!("{} {arms}x{objects}, seed {seed}", family.name()),
-        "workcell": workcell(&layout),
+        "name": format!("{} {arms}x{objects}{}, seed {seed}", family.name(), kinds_for_people(robots)),
+        "workcell": workcell(&layout, robots),
         "objects": cubes,
         "initial": placements(&starts),
         "goal": placements(&goals),
@@ -162,12 +177,16 @@ fn tool() -> Value {
     })
 }
 
-fn workcell(layout: &Layout) -> Value {
-    let home: Map<String, Value> = HOME_DEG
-        .iter()
-        .enumerate()
-        .map(|(index, degrees)| (format!("joint_{}", index + 1), json!(tidy(degrees.to_radians()))))
-        .collect();
+/// The kinds as part of a name: nothing for a cell of the usual kind.
+fn kinds_for_people(robots: &[RobotKind]) -> String {
+    if robots.iter().all(|robot| *robot == RobotKind::Iiwa14) {
+        return String::new();
+    }
+    let names: Vec<&str> = robots.iter().map(|robot| robot.name()).collect();
+    format!(" of {}", names.join(", "))
+}
+
+fn workcell(layout: &Layout, robots: &[RobotKind]) -> Value {
     let mut arms = Vec::new();
     let mut obstacles = Vec::new();
     let mut surfaces = Vec::new();
@@ -191,7 +210,8 @@ fn workcell(layout: &Layout) -> Value {
             "size": { "x": TABLE_DEPTH, "y": tidy(width) },
         }));
     }
-    for (index, [x, y]) in layout.arms().into_iter().enumerate() {
+    let mut models = Map::new();
+    for ((index, [x, y]), robot) in layout.arms().into_iter().enumerate().zip(robots.iter().cycle()) {
         let id = format!("arm_{}", index + 1);
         let pedestal = format!("pedestal_{}", index + 1);
         obstacles.push(json!({
@@ -199,17 +219,24 @@ fn workcell(layout: &Layout) -> Value {
             "shape": { "type": "box", "size": xyz(PEDESTAL, PEDESTAL, PEDESTAL_HEIGHT) },
             "pose": { "position": xyz(x, y, PEDESTAL_HEIGHT / 2.0) },
         }));
-        contacts.push(json!([pedestal, format!("{id}/link_0")]));
+        contacts.extend(robot.on_the_pedestal().iter().map(|link| json!([pedestal, format!("{id}/{link}")])));
+        models.insert(robot.name().to_owned(), json!({ "urdf": format!("library:{}", robot.name()) }));
+        let home: Map<String, Value> = robot
+            .home_deg()
+            .iter()
+            .enumerate()
+            .map(|(joint, degrees)| (format!("joint_{}", joint + 1), json!(tidy(degrees.to_radians()))))
+            .collect();
         arms.push(json!({
             "id": id,
-            "robot": "iiwa14",
+            "robot": robot.name(),
             "base": { "position": xyz(x, y, PEDESTAL_HEIGHT), "orientation": about_z(layout.yaw()) },
             "tool": tool(),
             "home": home,
         }));
     }
     json!({
-        "robots": { "iiwa14": { "urdf": "library:iiwa14" } },
+        "robots": models,
         "arms": arms,
         "obstacles": obstacles,
         "surfaces": surfaces,

@@ -8,13 +8,15 @@ mod generate;
 mod layout;
 #[cfg(test)]
 mod reach;
+mod robot;
 mod sampling;
 mod text;
 
 pub use catalog::{CatalogEntry, catalog, find};
 pub use family::Family;
-pub use generate::generate;
+pub use generate::{generate, generate_with};
 pub use layout::MAX_ARMS;
+pub use robot::RobotKind;
 pub use text::to_text;
 
 /// Why a scenario could not be generated.
@@ -23,6 +25,12 @@ pub enum ScenarioError {
     /// No such family.
     #[error("there is no family `{0}`; give switch, side_to_side, random, in_place_swap or derangement")]
     UnknownFamily(String),
+    /// No such robot.
+    #[error("there is no robot `{0}`; give iiwa14, ur_type or panda_type")]
+    UnknownRobot(String),
+    /// No robot at all.
+    #[error("name at least one robot")]
+    NoRobots,
     /// No layout for so many arms.
     #[error("{0} arms cannot be laid out; give 1 to {MAX_ARMS}")]
     Arms(usize),

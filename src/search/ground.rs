@@ -14,7 +14,9 @@ use crate::motion::{ArmGoal, ArmTask, Departure, StepTask};
 use crate::plan::ActionKind;
 use crate::problem::Problem;
 use crate::run::{Rng, Seed};
-use crate::transition::{Contact, ContactKind, ContactQuery, Contacts, HandoffContact, travel_time};
+use crate::transition::{
+    Contact, ContactKind, ContactQuery, Contacts, HandoffContact, HandoffQuery, travel_time,
+};
 use crate::workcell::{ArmId, ObjectId, SurfaceId};
 
 use super::chain::{Chain, ChainPlanner, ChainRequest, Chains, Misfit, query};
@@ -531,6 +533,55 @@ impl<'a> Grounder<'a> {
             Some(contact) => Ok(contact.clone()),
             None => Err(self.planner().blockers(asked, hold, near)),
         }
+    }
+
+    /// Another contact for a pick or a place from `vertex`, clear of the objects at rest there.
+    pub(super) fn another_contact(
+        &mut self,
+        vertex: &Vertex,
+        object: ObjectId,
+        action: &ActionKind,
+    ) -> Option<(ArmId, Contact)> {
+        let (asked, hold) = match *action {
+            ActionKind::Pick { arm, object_in_tcp, surface } => {
+                let Whereabouts::Resting { pose, .. } = vertex.objects[object.0] else { return None };
+                (query(ContactKind::Pick, arm, object, (pose, surface)), object_in_tcp)
+            }
+            ActionKind::Place { arm, object_in_tcp, object_pose, surface } => {
+                (query(ContactKind::Place, arm, object, (object_pose, surface)), object_in_tcp)
+            }
+            ActionKind::Handoff { .. } => return None,
+        };
+        if self.rng.random_bool(self.fresh) {
+            self.contacts.more(&asked, &hold);
+        }
+        let known = self.contacts.at(&asked, &hold);
+        let chosen = known.choose(&mut self.rng)?;
+        self.contacts.is_clear(&asked, chosen, &scene(vertex)).then(|| (asked.arm, chosen.clone()))
+    }
+
+    /// Another meeting of the arms with the same holds, mostly one of the nearest.
+    pub(super) fn another_meeting(
+        &mut self,
+        object: ObjectId,
+        [giver, receiver]: [ArmId; 2],
+        [giver_hold, receiver_hold]: [Pose; 2],
+        [giver_at, receiver_at]: &[Config; 2],
+    ) -> Option<HandoffContact> {
+        let asked = HandoffQuery {
+            giver,
+            receiver,
+            object,
+            giver_holds: &[(usize::MAX, giver_hold)],
+            receiver_holds: &[(usize::MAX, receiver_hold)],
+            giver_near: std::slice::from_ref(giver_at),
+            receiver_near: std::slice::from_ref(receiver_at),
+        };
+        let anew = self.rng.random_bool(self.fresh);
+        let (tries, rng) = (self.handoff_tries, &mut self.rng);
+        let found = self.handoffs.find(self.problem, &mut self.contacts, &asked, tries, anew, rng);
+        let nearest = found.len().min(6);
+        found[..nearest].choose(&mut self.rng).cloned()
     }
 
     /// Whether `arm` at its contact is apart from the other arms that have one in this step.

@@ -12,6 +12,8 @@ pub struct Settings {
     pub stuck_wander: f64,
     /// Chance of sampling new transitions although some are known. Above 0.
     pub fresh_transitions: f64,
+    /// Chance of planning a window of the incumbent again instead of growing the tree; below 1.
+    pub refinement: f64,
     /// Vertices that each roadmap gains on each growth; above 0.
     pub growth: usize,
     /// A growth happens once in so many iterations.
@@ -40,6 +42,7 @@ impl Default for Settings {
             wander: 0.1,
             stuck_wander: 0.5,
             fresh_transitions: 0.15,
+            refinement: 0.6,
             growth: 20,
             growth_period: 50,
             groundings: 6,

@@ -3,6 +3,8 @@
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
+use rand::Rng as _;
+
 use crate::collision::CollisionWorld;
 use crate::guidance::{Certificate, Cuts, Effort, Greedy, Guidance, Guide, Memo, Sequential, Smart};
 use crate::motion::{Roadmap, StepPlanner};
@@ -134,6 +136,12 @@ impl<'a> Search<'a> {
         if self.tree.len() > self.settings.greatest_tree {
             self.prune();
         }
+        if self.best.is_some() && self.rng.random_bool(self.settings.refinement) {
+            return match self.refine(control) {
+                Some(end) => self.finish(end, control),
+                None => Report::Nothing,
+            };
+        }
         let Some(tau) = self.select_mode(control) else {
             return Report::Nothing;
         };
@@ -248,7 +256,7 @@ impl<'a> Search<'a> {
             expansions: 0,
             failures: 0,
             is_goal,
-            step: Some(Arc::new(Step { actions: grounding.actions, motion })),
+            step: Some(Arc::new(Step { actions: grounding.actions, motion, task: grounding.task })),
         };
         let objective = self.problem.options.objective;
         if self.best.is_some_and(|best| cost_so_far(&vertex, objective) >= best[0]) {

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use crate::geometry::Pose;
 use crate::guidance::{Guide, ModeState};
 use crate::kinematics::Config;
-use crate::motion::{Departure, StepMotion};
+use crate::motion::{Departure, StepMotion, StepTask};
 use crate::plan::ActionKind;
 use crate::workcell::{ArmId, ObjectId, SurfaceId};
 
@@ -35,10 +35,12 @@ pub(super) struct ArmState {
 pub(super) struct Step {
     pub(super) actions: Vec<(ObjectId, ActionKind)>,
     pub(super) motion: StepMotion,
+    /// What the motion was asked for.
+    pub(super) task: StepTask,
 }
 
 /// A vertex with its tau.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub(super) struct Vertex {
     pub(super) parent: Option<usize>,
     /// The step from the parent.
