@@ -65,6 +65,37 @@ fn swaps_in_place_take_the_steps_of_the_mode_graph() {
     }
 }
 
+/// In these two the order in which the arms trade decides whether the second cube can still be
+/// gripped: what stands beside it is foreseen, and the steps stay six.
+#[test]
+fn the_order_is_chosen_so_that_grasps_stay_free() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
+    for seed in ["13", "14"] {
+        let (problem, plan) = (file("problem.json"), file("plan.json"));
+        let sizes = ["--family", "switch", "--arms", "2", "--objects", "2"];
+        let generate = [&["scenario", "generate"][..], &sizes, &["--seed", seed, "--out", &problem]].concat();
+        assert_eq!(quadrille(&generate).status.code(), Some(0));
+        let planned = quadrille(&["plan", &problem, "--budget", "2m", "--first-solution", "--out", &plan]);
+        let lines = String::from_utf8(planned.stderr).unwrap();
+        assert!(lines.contains(" steps=6/6 "), "seed {seed}: {lines}");
+        assert_eq!(quadrille(&["verify", &problem, &plan]).status.code(), Some(0));
+    }
+}
+
+#[test]
+fn arms_of_all_kinds_work_together() {
+    let folder = tempfile::tempdir().unwrap();
+    let plan = folder.path().join("plan.json").to_str().unwrap().to_owned();
+    for name in ["switch_ur_type/2x2", "switch_mixed/3x2"] {
+        let problem = scenario(name);
+        let planned = quadrille(&["plan", &problem, "--budget", "2m", "--first-solution", "--out", &plan]);
+        let lines = String::from_utf8(planned.stderr).unwrap();
+        assert_eq!(planned.status.code(), Some(0), "{name}: {lines}");
+        assert_eq!(quadrille(&["verify", &problem, &plan]).status.code(), Some(0), "{name}");
+    }
+}
+
 #[test]
 fn a_rerun_by_iterations_is_the_same_bytes() {
     let run = || {

@@ -132,6 +132,8 @@ pub(super) struct Tolls {
     arms: Vec<u32>,
     pairs: Vec<Pair>,
     blocks: Vec<Block>,
+    /// By object, the blocks in which it is the one that acts or the one in the way.
+    blocks_of: Vec<Vec<u32>>,
     empty: bool,
 }
 
@@ -166,6 +168,7 @@ impl Tolls {
         }
         tolls.arms = vec![0; network.node_count()];
         tolls.actions = vec![Vec::new(); network.object_count()];
+        tolls.blocks_of = vec![Vec::new(); network.object_count()];
         for cut in cuts.active() {
             match cut.kind {
                 CutKind::Action(action) => {
@@ -183,14 +186,21 @@ impl Tolls {
                     penalty: cut.penalty,
                     happens: [vec![0; horizon], vec![0; horizon]],
                 }),
-                CutKind::Blocked { action, by, at } => tolls.blocks.push(Block {
-                    action,
-                    by,
-                    at,
-                    penalty: cut.penalty,
-                    happens: vec![0; horizon],
-                    is_there: vec![0; horizon],
-                }),
+                CutKind::Blocked { action, by, at } => {
+                    for object in [action.object, by] {
+                        if let Some(own) = tolls.blocks_of.get_mut(object) {
+                            own.push(tolls.blocks.len() as u32);
+                        }
+                    }
+                    tolls.blocks.push(Block {
+                        action,
+                        by,
+                        at,
+                        penalty: cut.penalty,
+                        happens: vec![0; horizon],
+                        is_there: vec![0; horizon],
+                    });
+                }
             }
         }
         tolls
@@ -215,7 +225,8 @@ impl Tolls {
                 }
             }
         }
-        for block in &mut self.blocks {
+        for &index in self.blocks_of.get(object).into_iter().flatten() {
+            let block = &mut self.blocks[index as usize];
             let (from, to, at) = (block.action.from.0, block.action.to.0, block.at.0);
             for (step, ends) in route.windows(2).enumerate() {
                 let (before, after) = (usize::from(ends[0]), usize::from(ends[1]));
@@ -229,9 +240,13 @@ impl Tolls {
         }
     }
 
+    fn blocks_with(&self, object: usize) -> impl Iterator<Item = &Block> {
+        self.blocks_of.get(object).into_iter().flatten().map(|&index| &self.blocks[index as usize])
+    }
+
     /// What it costs `object` to be at `node` before `step`, given the routes entered.
     pub(super) fn of_presence(&self, object: usize, node: usize, step: usize) -> u64 {
-        let paid = self.blocks.iter().filter(|block| {
+        let paid = self.blocks_with(object).filter(|block| {
             block.by == object && block.at.0 == node && block.happens.get(step).is_some_and(|&n| n > 0)
         });
         paid.map(|block| u64::from(block.penalty)).sum()
@@ -246,7 +261,7 @@ impl Tolls {
                 sum += u64::from(*penalty);
             }
         }
-        for block in &self.blocks {
+        for block in self.blocks_with(object) {
             // Where it is there already, presence is paid for.
             let enters = block.by == object && block.at.0 == to && block.at.0 != from;
             if (same(&block.action) && block.is_there[step] > 0) || (enters && block.happens[step] > 0) {

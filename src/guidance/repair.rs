@@ -109,7 +109,7 @@ impl<'a> Repair<'a> {
         false
     }
 
-    /// Lowers the tolls and the weight of a plan without conflicts, `rounds` neighbourhoods long.
+    /// Lowers the weight of a plan without conflicts, `rounds` neighbourhoods long.
     pub(super) fn polish(&mut self, rounds: usize, control: &Control) {
         let count = self.network.object_count();
         for round in 0..rounds {
@@ -117,14 +117,7 @@ impl<'a> Repair<'a> {
                 return;
             }
             self.chosen.clear();
-            let payers = if round % 2 == 0 { self.payers() } else { Vec::new() };
-            if !payers.is_empty() {
-                self.chosen.extend(payers.choose_multiple(&mut self.rng, 2));
-                let another = self.rng.random_range(0..count);
-                if self.rng.random() && !self.chosen.contains(&another) {
-                    self.chosen.push(another);
-                }
-            } else if round < count {
+            if round < count {
                 self.chosen.push(round);
             } else {
                 let size = self.rng.random_range(2..=4.min(count).max(2));
@@ -134,6 +127,25 @@ impl<'a> Repair<'a> {
                         self.chosen.push(object);
                     }
                 }
+            }
+            self.replan(true);
+        }
+    }
+
+    /// Lowers the tolls of a plan without conflicts, until there are none or for `rounds`
+    /// neighbourhoods.
+    pub(super) fn dodge(&mut self, rounds: usize, control: &Control) {
+        let count = self.network.object_count();
+        for round in 0..rounds {
+            let payers = self.payers();
+            if payers.is_empty() || (round % 16 == 15 && control.should_stop()) {
+                return;
+            }
+            self.chosen.clear();
+            self.chosen.extend(payers.choose_multiple(&mut self.rng, 2));
+            let another = self.rng.random_range(0..count);
+            if self.rng.random() && !self.chosen.contains(&another) {
+                self.chosen.push(another);
             }
             self.replan(true);
         }

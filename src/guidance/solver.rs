@@ -405,6 +405,7 @@ impl Run<'_> {
                 if self.repair.begin(horizon, self.cuts, shuffled)
                     && self.mend(self.effort.first_rounds, horizon)
                 {
+                    self.repair.dodge(2 * self.effort.polish_rounds, self.control);
                     self.repair.polish(self.effort.polish_rounds, self.control);
                     self.keep_cheapest(&mut least);
                 }
@@ -424,8 +425,8 @@ impl Run<'_> {
                 return;
             }
             self.repair.take_over(routes_of(hint, horizon), self.cuts);
-            let rounds = self.affordable(3 * self.effort.polish_rounds, 3, horizon);
-            self.repair.polish(rounds, self.control);
+            let rounds = self.affordable(2 * self.effort.polish_rounds, 3, horizon);
+            self.repair.dodge(rounds, self.control);
             self.keep_cheapest(&mut least);
         }
     }

@@ -21,6 +21,9 @@ use super::tree::Vertex;
 /// its way.
 const REVISIONS: usize = 6;
 
+/// Vertices whose guides are asked for again in one selection.
+const MOST_ASKED: usize = 4;
+
 /// Steps that a plan may take rather than do what another object blocks, or rather than rely on
 /// grasps that were not found to fit together.
 const BLOCKED_PENALTY: u32 = 6;
@@ -57,17 +60,19 @@ impl Search<'_> {
         };
         let mut driven: Vec<usize> =
             candidates.iter().copied().filter(|&i| is_driven(i, &self.tree[i])).collect();
-        // Guides asked under other cuts are asked again before they decide.
+        // Guides asked under other cuts are asked again before they decide, but not too many at once.
+        let mut asked = 0;
         while let Some(position) = (0..driven.len()).min_by(|&a, &b| {
             let (a, b) = (driven[a], driven[b]);
             self.prospect(a).total_cmp(&self.prospect(b)).then(a.cmp(&b))
         }) {
             let chosen = driven[position];
-            if self.tree[chosen].guided_at == self.version || control.should_stop() {
+            if self.tree[chosen].guided_at == self.version || asked == MOST_ASKED || control.should_stop() {
                 return Some(chosen);
             }
             let before = self.prospect(chosen);
             self.guide(chosen, control);
+            asked += 1;
             if self.prospect(chosen) <= before {
                 return Some(chosen);
             }
