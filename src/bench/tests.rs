@@ -130,7 +130,7 @@ fn the_document_has_the_agreed_fields() {
     for run in document["runs"].as_array().unwrap() {
         assert_eq!(names(run), FIELDS.iter().map(|name| (*name).to_owned()).collect());
     }
-    assert_eq!(document["runs"][0]["incumbents"][0][1], 1.2 * 11.0 * 1.05);
+    assert_eq!(document["runs"][0]["incumbents"][0][1], 1.2 * (11.0 * 1.05));
     assert_eq!(document["runs"][1]["duration_s"], Value::Null);
     assert_eq!(document["machine"]["processor"], "Some <CPU>");
     let again: Results = serde_json::from_value(document).unwrap();

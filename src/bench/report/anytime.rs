@@ -37,7 +37,7 @@ pub(super) fn figure(view: &View<'_>, family: &Family, size: &str) -> String {
     let least = shown.iter().copied().fold(f64::INFINITY, f64::min);
     let most = shown.iter().copied().fold(f64::NEG_INFINITY, f64::max);
     let scale = if shown.is_empty() { Scale::from_zero(1.0) } else { Scale::around(least, most) };
-    let mut canvas = Canvas::new(&caption, scale, digits);
+    let mut canvas = Canvas::new(&caption, scale);
     canvas.horizontal(&time);
     for (place, guidance, [low, middle, high]) in &curves {
         let line = steps(&canvas, &time, &instants, middle);

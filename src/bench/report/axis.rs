@@ -70,7 +70,7 @@ impl Scale {
             let all = decades.flat_map(|decade| parts.iter().map(move |part| part * 10f64.powi(decade)));
             return all.filter(inside).collect();
         }
-        let rough = (self.to - self.from) / 5.0;
+        let rough = (self.to - self.from) / 6.0;
         let decade = 10f64.powf(rough.log10().floor());
         let step = [1.0, 2.0, 5.0, 10.0].map(|part| part * decade).into_iter().find(|step| *step >= rough);
         let step = step.unwrap_or(10.0 * decade);
@@ -79,8 +79,11 @@ impl Scale {
     }
 }
 
-/// How a vertical value is written at its grid line.
-pub(super) type Label = fn(f64) -> String;
+/// A round value, without noughts at its end.
+fn round(value: f64) -> String {
+    let text = digits(value);
+    if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.').to_owned() } else { text }
+}
 
 /// A chart that is being drawn.
 pub(super) struct Canvas {
@@ -90,7 +93,7 @@ pub(super) struct Canvas {
 
 impl Canvas {
     /// A frame with the vertical grid lines and their values.
-    pub(super) fn new(title: &str, vertical: Scale, label: Label) -> Self {
+    pub(super) fn new(title: &str, vertical: Scale) -> Self {
         let mut svg = String::new();
         let _ = writeln!(
             svg,
@@ -106,7 +109,7 @@ impl Canvas {
                 WIDTH - RIGHT,
                 LEFT - 6.0,
                 y + 4.0,
-                label(value)
+                round(value)
             ));
         }
         let floor = HEIGHT - BOTTOM;
@@ -150,7 +153,7 @@ impl Canvas {
     pub(super) fn horizontal(&mut self, scale: &Scale) {
         for value in scale.ticks() {
             let x = self.x(scale, value);
-            self.below(x, &digits(value));
+            self.below(x, &round(value));
         }
     }
 
@@ -173,13 +176,20 @@ mod tests {
 
     #[test]
     fn ticks_are_round_and_within() {
-        assert_eq!(Scale::from_zero(10.0).ticks(), [0.0, 5.0, 10.0]);
+        assert_eq!(Scale::from_zero(10.0).ticks(), [0.0, 2.0, 4.0, 6.0, 8.0, 10.0]);
         assert_eq!(Scale::ratios(0.05, 2.0).ticks(), [0.05, 0.1, 0.2, 0.5, 1.0, 2.0]);
         assert_eq!(Scale::ratios(0.001, 30.0).ticks(), [0.001, 0.01, 0.1, 1.0, 10.0]);
         let around = Scale::around(11.2, 15.9).ticks();
         assert_eq!(around, [11.0, 12.0, 13.0, 14.0, 15.0, 16.0]);
         for odd in [Scale::ratios(0.0, f64::NAN), Scale::from_zero(0.0), Scale::around(3.0, 3.0)] {
             assert!(odd.ticks().len() < 20);
+        }
+    }
+
+    #[test]
+    fn round_values_are_written_as_such() {
+        for (value, text) in [(0.05, "0.05"), (0.1 + 0.2, "0.3"), (20.0, "20"), (2.5, "2.5")] {
+            assert_eq!(round(value), text);
         }
     }
 

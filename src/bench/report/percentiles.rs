@@ -35,7 +35,7 @@ pub(super) fn figure(view: &View<'_>, family: &Family, chart: &Chart) -> String 
     let least = all.iter().copied().fold(f64::INFINITY, f64::min);
     let most = all.iter().copied().fold(0.0, f64::max);
     let scale = if chart.ratios { Scale::ratios(least, most) } else { Scale::from_zero(most) };
-    let mut canvas = Canvas::new(chart.caption, scale, digits);
+    let mut canvas = Canvas::new(chart.caption, scale);
     for (index, size) in family.sizes.iter().enumerate() {
         let (middle, width) = canvas.band(index, family.sizes.len(), size);
         let count = view.guidances.len();

@@ -6,7 +6,7 @@ use super::{Family, View, escape, framed};
 /// Bars of the share of solved trials, with the numbers above.
 pub(super) fn figure(view: &View<'_>, family: &Family) -> String {
     let caption = "Solved trials (%)";
-    let mut canvas = Canvas::new(caption, Scale::from_zero(108.0), |value| format!("{value:.0}"));
+    let mut canvas = Canvas::new(caption, Scale::from_zero(108.0));
     for (index, size) in family.sizes.iter().enumerate() {
         let (middle, width) = canvas.band(index, family.sizes.len(), size);
         let count = view.guidances.len();
