@@ -80,13 +80,16 @@ pub fn below(prefix: &str, mut faults: Vec<Fault>) -> Vec<Fault> {
     faults
 }
 
+/// The files of a registered workcell, and its digest.
+type Referred = (Bundle, String);
+
 /// The problem with the workcell in it that it refers to, the files that go with it, and the
 /// workcell's digest.
 fn resolve<'a>(
     workcells: &Workcells,
     problem: &'a Value,
     pointer: &str,
-) -> Result<(Cow<'a, Value>, Option<(Bundle, String)>), ApiError> {
+) -> Result<(Cow<'a, Value>, Option<Referred>), ApiError> {
     let Some(reference) = workcell_reference(problem) else { return Ok((Cow::Borrowed(problem), None)) };
     let Some((registered, bundle)) = workcells.get(reference)? else {
         return Err(ApiError::InvalidProblem(vec![unknown_workcell(pointer, reference)]));

@@ -127,6 +127,8 @@ fn serves_when_asked_to() {
         config.jobs.workers = 2;
         config.jobs.queue_limit = 1000;
         config.jobs.client_limit = usize::MAX;
+        // Whoever asks for all jobs in the end shall find them.
+        config.retention.jobs = usize::MAX;
         let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
         println!("listening on {}", listener.local_addr().unwrap());
         let shutdown = CancellationToken::new();
