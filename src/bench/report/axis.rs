@@ -66,7 +66,11 @@ impl Scale {
         if self.logarithmic {
             let decades = self.from.log10().floor() as i32..=self.to.log10().ceil() as i32;
             let count = (self.to / self.from).log10();
-            let parts: &[f64] = if count > 3.0 { &[1.0] } else { &[1.0, 2.0, 5.0] };
+            let parts: &[f64] = match count {
+                3.0.. => &[1.0],
+                0.8.. => &[1.0, 2.0, 5.0],
+                _ => &[1.0, 1.2, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0],
+            };
             let all = decades.flat_map(|decade| parts.iter().map(move |part| part * 10f64.powi(decade)));
             return all.filter(inside).collect();
         }

@@ -8,7 +8,7 @@ pub(super) const CSS: &str = "
 --axis:#6b6a64;--row:#242423;--s0:#4a94ea;--s1:#e8763a;--s2:#9c8ff0;--s3:#2fb583}}
 *{box-sizing:border-box}
 body{margin:0;background:var(--page);color:var(--ink);font:15px/1.5 system-ui,sans-serif}
-main{max-width:1120px;margin:0 auto;padding:24px 16px 64px}
+main{max-width:1320px;margin:0 auto;padding:24px 16px 64px}
 h1{font-size:24px;margin:0 0 8px}h2{font-size:19px;margin:40px 0 8px}h3{font-size:15px;margin:24px 0 4px}
 p{margin:8px 0;color:var(--soft);max-width:85ch}
 .charts{display:grid;grid-template-columns:repeat(auto-fill,minmax(min(100%,500px),1fr));gap:16px 24px}
