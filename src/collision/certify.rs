@@ -121,6 +121,17 @@ impl JointMotion for Stations<'_> {
     fn span(&self) -> (f64, f64) {
         (0.0, self.0.len() as f64)
     }
+
+    fn sample(&self, intervals: &[(f64, f64); 8], out: &mut Samples) {
+        out.resize(self.0.first().map_or(0, |q| q.len()));
+        for (lane, (from, _)) in intervals.iter().enumerate() {
+            if let Some(q) = self.0.get(*from as usize) {
+                for (joint, value) in q.iter().enumerate() {
+                    out.set(joint, lane, *value as f32, 0.0);
+                }
+            }
+        }
+    }
 }
 
 impl Mover<'_> {

@@ -29,7 +29,7 @@ pub use atom::Atom;
 pub use certify::{JointMotion, StraightMotion};
 pub use lanes::Samples;
 pub use scene::{Exemption, Held, Scene};
-pub use world::{CollisionWorld, Resting};
+pub use world::{CollisionWorld, Resting, Taking};
 
 /// Motion bound (m) below which a pair that is still not certified counts as blocked.
 pub const UNDECIDED_MOTION: f64 = 1.0e-4;

@@ -10,7 +10,7 @@ use super::arm_bodies::Levers;
 use super::atom::{Atom, PlacedAtom};
 use super::certify::{BodyIndex, JointMotion};
 use super::scene::{Exemption, Held, Scene};
-use super::world::{CollisionWorld, Mover, Owner, WorldAtom};
+use super::world::{CollisionWorld, Mover, Owner, Taking, WorldAtom};
 
 #[derive(Clone, Copy)]
 struct Pair {
@@ -243,9 +243,6 @@ impl CollisionWorld {
         (atom.at.centre - centre).norm() > reach + atom.atom.radius + clearance
     }
 }
-
-/// An arm in a query: which, its motion, what it holds, what it may touch.
-pub(super) type Taking<'a> = (ArmId, &'a dyn JointMotion, Option<&'a Held>, Exemption);
 
 /// Whether one arm's motion is free of itself and of all that stands still.
 pub(super) fn is_free(world: &CollisionWorld, taking: &Taking<'_>, scene: &Scene) -> bool {

@@ -9,7 +9,7 @@ use std::sync::Arc;
 use super::arm_bodies::{ArmBodies, Levers};
 use super::atom::{Atom, PlacedAtom};
 use super::certify::{JointMotion, Stations, StraightMotion};
-use super::lanes::{Certification, Companion, LaneArm, LaneHeld, LaneMover, LaneStatic, Outcome};
+use super::lanes::{Certification, Companion, Ensemble, LaneArm, LaneHeld, LaneMover, LaneStatic, Outcome};
 use super::scene::{Exemption, Held, Scene};
 
 /// A static atom in the world.
@@ -175,11 +175,9 @@ impl CollisionWorld {
         first: &Mover<'_>,
         companion: Companion<'_>,
         still: bool,
-        (from, to): (f64, f64),
+        span: (f64, f64),
     ) -> Outcome {
-        let edge = |n: usize| from + (to - from) * n as f64 / 8.0;
-        let pieces: [(f64, f64); 8] = std::array::from_fn(|n| (edge(n), edge(n + 1)));
-        let count = if still { 1 } else { 8 };
+        let (pieces, count) = eighths(span, still);
         let pieces = &pieces[..count];
         self.set.run(Certification { world: self, first, companion, pieces, each: false })
     }
@@ -281,7 +279,26 @@ impl CollisionWorld {
         self.certify(&a, Companion::Arm(&b), still, span).at
     }
 
-    /// Whether the held object of `arm` at `q` touches an object that rests, both as they are.
+    /// The first pair of `arms` (by their place in the list) whose motions over `span` are not
+    /// certified apart; `None` when all are. What stands around them is not looked at, nor are two
+    /// arms that both stand still.
+    pub fn conflict_among(&self, arms: &[Taking<'_>], span: (f64, f64)) -> Option<(usize, usize)> {
+        let movers: Vec<Mover<'_>> =
+            arms.iter().map(|arm| self.mover(arm.0, arm.1, arm.2, arm.3)).collect();
+        let still: Vec<bool> = arms.iter().map(|arm| arm.1.stands_still()).collect();
+        let (pieces, _) = eighths(span, false);
+        let looks = self.set.run(Ensemble { world: self, movers: &movers, still: &still, pieces: &pieces });
+        let open = |pair: &(usize, usize)| {
+            let (a, b) = (&movers[pair.0], &movers[pair.1]);
+            self.certify(a, Companion::Arm(b), false, span).at.is_some()
+        };
+        if let Some(look) = looks.iter().find(|look| look.blocked) {
+            return Some(look.pair);
+        }
+        looks.iter().map(|look| look.pair).find(open)
+    }
+
+    /// Prepares resting objects for many queries.
     pub fn resting_atoms(&self, scene: &Scene) -> Resting {
         let mut atoms = Vec::new();
         let mut lanes = Vec::new();
@@ -400,6 +417,15 @@ fn arm_bodies(workcell: &Workcell) -> Vec<ArmBodies> {
 /// The atoms of each object in its frame.
 fn object_atoms(problem: &Problem) -> Vec<Vec<Atom>> {
     problem.objects.iter().map(|object| object.shapes.iter().map(Atom::new).collect()).collect()
+}
+
+/// An arm in a query: which, its motion, what it holds, what it may touch.
+pub type Taking<'a> = (ArmId, &'a dyn JointMotion, Option<&'a Held>, Exemption);
+
+/// A span in eight pieces, of which only the first counts where nothing moves.
+fn eighths((from, to): (f64, f64), still: bool) -> ([(f64, f64); 8], usize) {
+    let edge = |n: usize| from + (to - from) * n as f64 / 8.0;
+    (std::array::from_fn(|n| (edge(n), edge(n + 1))), if still { 1 } else { 8 })
 }
 
 /// Resting objects prepared for many queries.

@@ -3,7 +3,7 @@
 
 use rand::Rng as _;
 
-use crate::collision::{CollisionWorld, Exemption, Resting, StraightMotion};
+use crate::collision::{CollisionWorld, Exemption, JointMotion, Resting, StraightMotion, Taking};
 use crate::kinematics::{Config, JointLimits};
 use crate::problem::Problem;
 use crate::run::{Control, Rng};
@@ -198,19 +198,16 @@ impl Composite<'_> {
         let motions: Vec<StraightMotion> =
             from.iter().zip(to).map(|(a, b)| StraightMotion::new(a, b)).collect();
         let arms = &self.task.arms;
+        let takings: Vec<Taking<'_>> = motions
+            .iter()
+            .zip(arms)
+            .enumerate()
+            .map(|(i, (motion, arm))| (ArmId(i), motion as &dyn JointMotion, arm.held.as_ref(), none))
+            .collect();
         (0..arms.len()).all(|i| {
             from[i] == to[i]
                 || self.world.static_free(ArmId(i), &motions[i], arms[i].held.as_ref(), self.resting, none)
-        }) && (0..arms.len()).all(|i| {
-            (i + 1..arms.len()).all(|j| {
-                (from[i] == to[i] && from[j] == to[j])
-                    || self.world.motions_apart(
-                        (ArmId(i), &motions[i], arms[i].held.as_ref(), none),
-                        (ArmId(j), &motions[j], arms[j].held.as_ref(), none),
-                        (0.0, 1.0),
-                    )
-            })
-        })
+        }) && self.world.conflict_among(&takings, (0.0, 1.0)).is_none()
     }
 
     fn shortcut(&self, mut path: Vec<Vec<Config>>, rng: &mut Rng) -> Vec<Vec<Config>> {

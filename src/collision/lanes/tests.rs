@@ -3,7 +3,7 @@
 use rand::Rng as _;
 
 use crate::collision::reference;
-use crate::collision::{CollisionWorld, Exemption, Held, JointMotion, Scene, StraightMotion};
+use crate::collision::{CollisionWorld, Exemption, Held, JointMotion, Scene, StraightMotion, Taking};
 use crate::geometry::lanes::InstructionSet;
 use crate::geometry::pose_from_parts;
 use crate::kinematics::Config;
@@ -105,7 +105,7 @@ fn single_configurations_get_the_exact_verdict() {
 }
 
 impl Case {
-    fn parts<'a>(&'a self, motion: &'a dyn JointMotion) -> reference::Taking<'a> {
+    fn parts<'a>(&'a self, motion: &'a dyn JointMotion) -> Taking<'a> {
         (self.arm, motion, self.held.as_ref(), self.exemption)
     }
 }
@@ -198,5 +198,33 @@ fn arms_are_kept_apart_like_in_double_precision() {
             }
         }
         assert!(apart > 150 && apart < 1495, "{apart}");
+    }
+}
+
+/// Looking at all arms at once gives the verdict of looking at every pair.
+#[test]
+fn an_ensemble_is_free_where_all_its_pairs_are() {
+    let problem = problem("switch/9x4");
+    for set in sets() {
+        let world = CollisionWorld::with_instructions(&problem, set);
+        let mut rng = Seed(25).stream("ensembles");
+        let mut free = 0;
+        for _ in 0..400 {
+            let cases: Vec<Case> = (0..9)
+                .map(|arm| Case { arm: ArmId(arm), ..random_case(&problem, &mut rng) })
+                .collect();
+            let motions: Vec<StraightMotion> =
+                cases.iter().map(|case| StraightMotion::new(&case.q, &case.to)).collect();
+            let takings: Vec<Taking<'_>> =
+                cases.iter().zip(&motions).map(|(case, motion)| case.parts(motion)).collect();
+            let found = world.conflict_among(&takings, (0.0, 1.0));
+            let apart = |i: usize, j: usize| world.motions_apart(takings[i], takings[j], (0.0, 1.0));
+            match found {
+                Some((i, j)) => assert!(!apart(i, j)),
+                None => assert!((0..9).all(|i| (i + 1..9).all(|j| apart(i, j)))),
+            }
+            free += usize::from(found.is_none());
+        }
+        assert!(free > 20 && free < 380, "{free}");
     }
 }
