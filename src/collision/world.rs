@@ -107,14 +107,12 @@ impl CollisionWorld {
             .iter()
             .map(|obstacle: &WorldAtom| LaneStatic::new(&obstacle.atom, &(to_lanes * obstacle.at.body)))
             .collect();
-        let lane_arms = workcell
-            .arms
-            .iter()
-            .zip(&arms)
-            .map(|(arm, bodies)| {
-                LaneArm::new(arm, bodies, &origin, &obstacles, clearance + f64::from(inflation))
-            })
-            .collect();
+        let mut lane_arms: Vec<LaneArm> = Vec::new();
+        for (index, (arm, bodies)) in workcell.arms.iter().zip(&arms).enumerate() {
+            let known = twin(&workcell, index).map(|twin| &lane_arms[twin]);
+            let surroundings = (&origin, obstacles.as_slice(), clearance + f64::from(inflation));
+            lane_arms.push(LaneArm::new(arm, bodies, surroundings, set, known));
+        }
         let margin = clearance as f32 + inflation;
         Self {
             workcell,
@@ -170,13 +168,7 @@ impl CollisionWorld {
     }
 
     /// Certifies over `span` in eight pieces; where nothing moves in one.
-    fn certify(
-        &self,
-        first: &Mover<'_>,
-        companion: Companion<'_>,
-        still: bool,
-        span: (f64, f64),
-    ) -> Outcome {
+    fn certify(&self, first: &Mover<'_>, companion: Companion<'_>, still: bool, span: (f64, f64)) -> Outcome {
         let (pieces, count) = eighths(span, still);
         let pieces = &pieces[..count];
         self.set.run(Certification { world: self, first, companion, pieces, each: false })
@@ -283,8 +275,7 @@ impl CollisionWorld {
     /// certified apart; `None` when all are. What stands around them is not looked at, nor are two
     /// arms that both stand still.
     pub fn conflict_among(&self, arms: &[Taking<'_>], span: (f64, f64)) -> Option<(usize, usize)> {
-        let movers: Vec<Mover<'_>> =
-            arms.iter().map(|arm| self.mover(arm.0, arm.1, arm.2, arm.3)).collect();
+        let movers: Vec<Mover<'_>> = arms.iter().map(|arm| self.mover(arm.0, arm.1, arm.2, arm.3)).collect();
         let still: Vec<bool> = arms.iter().map(|arm| arm.1.stands_still()).collect();
         let (pieces, _) = eighths(span, false);
         let looks = self.set.run(Ensemble { world: self, movers: &movers, still: &still, pieces: &pieces });
@@ -395,18 +386,23 @@ impl CollisionWorld {
     }
 }
 
+/// The first arm that differs from arm `index` in nothing but its place, if it comes before.
+fn twin(workcell: &Workcell, index: usize) -> Option<usize> {
+    let arm = &workcell.arms[index];
+    workcell.arms[..index].iter().position(|other| {
+        Arc::ptr_eq(&other.model, &arm.model)
+            && other.tool == arm.tool
+            && other.limits == arm.limits
+            && other.exempt_groups == arm.exempt_groups
+            && other.hand_groups == arm.hand_groups
+    })
+}
+
 /// The bodies of every arm; arms that differ in nothing but their place are compiled once.
 fn arm_bodies(workcell: &Workcell) -> Vec<ArmBodies> {
     let mut bodies: Vec<ArmBodies> = Vec::new();
     for (index, arm) in workcell.arms.iter().enumerate() {
-        let equal = workcell.arms[..index].iter().position(|other| {
-            Arc::ptr_eq(&other.model, &arm.model)
-                && other.tool == arm.tool
-                && other.limits == arm.limits
-                && other.exempt_groups == arm.exempt_groups
-                && other.hand_groups == arm.hand_groups
-        });
-        bodies.push(match equal {
+        bodies.push(match twin(workcell, index) {
             Some(known) => bodies[known].moved_to(arm),
             None => ArmBodies::new(arm),
         });

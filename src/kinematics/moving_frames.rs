@@ -145,17 +145,15 @@ impl MovingFrames {
     /// Places all frames at eight configurations: `q[joint][lane]`.
     #[inline(always)]
     pub fn place<F: Float8>(&self, q: &[[f32; 8]], out: &mut Frames8<F>) {
-        out.clear();
-        for step in &self.steps {
-            let (axes, origin) = match &step.before {
-                Before::Still { axes, origin } => {
-                    ([splat3(&axes[0]), splat3(&axes[1]), splat3(&axes[2])], splat3(origin))
-                }
-                Before::On { parent, origin, turn } => {
-                    let under = out[*parent];
-                    (turned(&under.axes, turn), column_sum(&under.origin, &under.axes, origin))
-                }
-            };
+        if out.len() != self.steps.len() {
+            let zero = [F::splat(0.0); 3];
+            out.clear();
+            out.resize(self.steps.len(), Frame8 { axes: [zero; 3], origin: zero });
+        }
+        for (index, step) in self.steps.iter().enumerate() {
+            // In place, since a frame is too large to be handed around.
+            let (done, rest) = out.split_at_mut(index);
+            let Some(frame) = rest.first_mut() else { return };
             let mut value = F::load(&q[step.joint]);
             if step.multiplier != 1.0 {
                 value = value * F::splat(step.multiplier);
@@ -163,18 +161,29 @@ impl MovingFrames {
             if step.shift != 0.0 {
                 value = value + F::splat(step.shift);
             }
-            let [x, y, z] = axes;
+            let (x, y, z): (V3<F>, V3<F>, V3<F>);
+            match &step.before {
+                Before::Still { axes, origin } => {
+                    (x, y, z) = (splat3(&axes[0]), splat3(&axes[1]), splat3(&axes[2]));
+                    frame.origin = splat3(origin);
+                }
+                Before::On { parent, origin, turn } => {
+                    let under = &done[*parent];
+                    [x, y, z] = turned(&under.axes, turn);
+                    frame.origin = column_sum(&under.origin, &under.axes, origin);
+                }
+            }
             if step.slides {
-                out.push(Frame8 { axes, origin: scale3(&origin, &z, value) });
+                frame.origin = scale3(&frame.origin, &z, value);
+                frame.axes = [x, y, z];
                 continue;
             }
             let (sine, cosine) = sin_cos(value);
-            let mut axes = [x, y, z];
             for k in 0..3 {
-                axes[0][k] = y[k].mul_add(sine, x[k] * cosine);
-                axes[1][k] = x[k].neg_mul_add(sine, y[k] * cosine);
+                frame.axes[0][k] = y[k].mul_add(sine, x[k] * cosine);
+                frame.axes[1][k] = x[k].neg_mul_add(sine, y[k] * cosine);
+                frame.axes[2][k] = z[k];
             }
-            out.push(Frame8 { axes, origin });
         }
     }
 }

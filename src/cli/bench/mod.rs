@@ -2,10 +2,12 @@
 
 mod compare;
 mod files;
+mod kernels;
 mod paper;
 mod screen;
+mod table;
 
-use super::{Answer, CliError};
+use super::{Answer, CliError, input};
 
 /// Arguments of `bench`.
 #[derive(Debug, clap::Args)]
@@ -20,11 +22,30 @@ enum Command {
     Paper(paper::Arguments),
     /// Two results of `paper` against each other: ratios of medians, and which are more than noise
     Compare(compare::Arguments),
+    /// Forward and inverse kinematics and collision checks on this machine, next to parry
+    Kernels {
+        /// Print the table as JSON
+        #[arg(long)]
+        json: bool,
+    },
 }
 
 pub(super) fn run(arguments: &Arguments) -> Result<Answer, CliError> {
     match &arguments.command {
         Command::Paper(arguments) => paper::run(arguments),
         Command::Compare(arguments) => compare::run(arguments),
+        Command::Kernels { json } => kernels(*json),
     }
+}
+
+fn kernels(json: bool) -> Result<Answer, CliError> {
+    let table = kernels::measure();
+    let text = if json {
+        serde_json::to_string_pretty(&table)
+            .map_err(|error| CliError::Write { path: "stdout".into(), source: error.into() })?
+    } else {
+        table.to_string()
+    };
+    input::write(None, &text)?;
+    Ok(Answer::Yes)
 }

@@ -4,12 +4,14 @@ use nalgebra::UnitQuaternion;
 use smallvec::SmallVec;
 
 use super::core::{LaneCapsule, LaneCore};
+use super::impossible::NeverTouch;
 use super::limb::{Ball, Enclosure};
 use crate::collision::arm_bodies::{ArmBodies, Levers, link_reach};
 use crate::collision::atom::{Atom, Core};
 use crate::collision::world::WorldAtom;
+use crate::geometry::lanes::InstructionSet;
 use crate::geometry::{PlacedShape, Pose, Shape, Vec3};
-use crate::kinematics::MovingFrames;
+use crate::kinematics::{LinkMotion, MovingFrames};
 use crate::workcell::Arm;
 
 /// A lever arm by joint (m per rad, or 1 for a slide); [`UNMOVED`] where the joint moves nothing.
@@ -44,6 +46,8 @@ pub(super) struct Limb {
     pub(super) frame: Option<usize>,
     /// How joints move the capsule, not what is in it.
     pub(super) levers: Row,
+    /// Radius (m) of the ball around the first joint's origin that it never leaves, where it moves.
+    pub(super) reach: f64,
     pub(super) atoms: Vec<u16>,
 }
 
@@ -105,13 +109,13 @@ pub(super) fn relative(a: &Row, b: &Row) -> Row {
 impl LaneArm {
     /// Compiles `arm` among `obstacles`; the placement's frame is the world's moved to `origin`.
     /// What is farther than `clearance` (m) from all that a limb can reach it will never be asked
-    /// about.
+    /// about. What a `twin`, which differs in its place alone, knows already is taken over.
     pub(in crate::collision) fn new(
         arm: &Arm,
         bodies: &ArmBodies,
-        origin: &Vec3,
-        obstacles: &[WorldAtom],
-        clearance: f64,
+        (origin, obstacles, clearance): (&Vec3, &[WorldAtom], f64),
+        set: InstructionSet,
+        twin: Option<&Self>,
     ) -> Self {
         let mut base = arm.base;
         base.translation.vector -= origin;
@@ -129,7 +133,7 @@ impl LaneArm {
                 }
             })
             .collect();
-        let laid = Builder::new(arm, bodies, &frames).limbs();
+        let laid = Builder::new(arm, bodies, &frames, twin).limbs();
         let near = obstacles
             .iter()
             .enumerate()
@@ -140,11 +144,30 @@ impl LaneArm {
             })
             .collect();
         let limbs: Vec<Limb> = laid.into_iter().map(|(limb, _)| limb).collect();
-        let self_groups = self_groups(bodies, &atoms, &limbs);
+        let turns: Vec<bool> = (0..arm.model.dof()).map(|joint| turns(arm, joint)).collect();
+        let never = |a: &LaneAtom, b: &LaneAtom| {
+            let (margin, limits) = (clearance as f32, arm.limits.as_slice());
+            set.run(NeverTouch { frames: &frames, pair: (a, b), limits, turns: &turns, margin })
+        };
+        let self_groups = match twin {
+            Some(twin) => twin.self_groups.clone(),
+            None => self_groups(bodies, &atoms, &limbs, &never),
+        };
         let (mount, pose) = frames.rider(arm.model.mount);
         let mount = (mount, *pose);
         Self { frames, atoms, limbs, self_groups, near, mount }
     }
+}
+
+/// Whether a whole turn of the joint brings back all that it moves.
+fn turns(arm: &Arm, joint: usize) -> bool {
+    arm.model.links.iter().all(|link| match &link.motion {
+        LinkMotion::Held => true,
+        LinkMotion::Revolute { joint: driving, multiplier, .. } => {
+            *driving != joint || multiplier.fract() == 0.0
+        }
+        LinkMotion::Prismatic { joint: driving, .. } => *driving != joint,
+    })
 }
 
 /// Where a limb can be, in the frame of the placement.
@@ -177,12 +200,20 @@ impl Extent {
 }
 
 /// Pairs that are checked, by the limbs in which they lie.
-fn self_groups(bodies: &ArmBodies, atoms: &[LaneAtom], limbs: &[Limb]) -> Vec<SelfGroup> {
+fn self_groups(
+    bodies: &ArmBodies,
+    atoms: &[LaneAtom],
+    limbs: &[Limb],
+    never: &dyn Fn(&LaneAtom, &LaneAtom) -> bool,
+) -> Vec<SelfGroup> {
     let limb_of = |atom: usize| limbs.iter().position(|limb| limb.atoms.contains(&(atom as u16)));
     let mut groups = std::collections::BTreeMap::<_, Vec<SelfPair>>::new();
     for &(a, b) in &bodies.self_pairs {
         // What nothing moves against each other was looked at when the problem was read.
         if relative(&atoms[a].levers, &atoms[b].levers).iter().all(|l| *l == UNMOVED) {
+            continue;
+        }
+        if never(&atoms[a], &atoms[b]) {
             continue;
         }
         let key = (limb_of(a), limb_of(b));
@@ -208,6 +239,7 @@ struct Builder<'a> {
     arm: &'a Arm,
     bodies: &'a ArmBodies,
     frames: &'a MovingFrames,
+    twin: Option<&'a LaneArm>,
     /// Frames in the placement at zero.
     at_zero: Vec<Pose>,
     /// Links in the placement at zero.
@@ -226,7 +258,12 @@ struct Draft {
 }
 
 impl<'a> Builder<'a> {
-    fn new(arm: &'a Arm, bodies: &'a ArmBodies, frames: &'a MovingFrames) -> Self {
+    fn new(
+        arm: &'a Arm,
+        bodies: &'a ArmBodies,
+        frames: &'a MovingFrames,
+        twin: Option<&'a LaneArm>,
+    ) -> Self {
         let model = &arm.model;
         let mut links = Vec::new();
         model.link_poses(&vec![0.0; model.dof()], &mut links);
@@ -249,7 +286,7 @@ impl<'a> Builder<'a> {
             let (frame, _) = frames.rider(atom.link);
             members[frame.map_or(0, |frame| frame + 1)].push(index as u16);
         }
-        Self { arm, bodies, frames, at_zero, links, members }
+        Self { arm, bodies, frames, twin, at_zero, links, members }
     }
 
     /// The limbs of least size, and where each can be.
@@ -347,23 +384,33 @@ impl<'a> Builder<'a> {
         let placed = Enclosure { a: in_placement(&capsule.a), b: in_placement(&capsule.b), ..capsule };
         let carrier = rigid
             .and_then(|rigid| (0..model.links.len()).find(|&link| self.frames.rider(link).0 == Some(rigid)));
-        let (levers, extent) = match carrier {
+        let known = self.twin.and_then(|twin| twin.limbs.iter().find(|limb| limb.atoms == atoms));
+        let (levers, reach, extent) = match carrier {
             None => {
                 (capsule, frame) = (placed, None);
-                (model.joints.iter().map(|_| UNMOVED).collect(), Extent::Still(placed))
+                (model.joints.iter().map(|_| UNMOVED).collect(), 0.0, Extent::Still(placed))
             }
             Some(link) => {
-                let reach = placed.reach(&self.links[link].translation.vector);
-                let levers: Levers = (0..model.dof())
-                    .map(|joint| model.lever(&self.arm.limits, joint, link).map(|lever| lever.at(reach)))
-                    .collect();
                 let first = model.joints.first().map_or(0, |joint| joint.link);
                 let centre = self.links[first].translation.vector;
-                let radius = link_reach(self.arm, link, reach, &self.links, &centre);
-                (row(&levers), Extent::Ball(centre, radius))
+                let (levers, radius) = match known {
+                    Some(limb) => (limb.levers.clone(), limb.reach),
+                    None => self.motion(link, placed.reach(&self.links[link].translation.vector), &centre),
+                };
+                (levers, radius, Extent::Ball(centre, radius))
             }
         };
         let capsule = LaneCapsule::new(&capsule.a, &capsule.b, capsule.radius);
-        (Limb { capsule, frame, levers, atoms }, extent)
+        (Limb { capsule, frame, levers, reach, atoms }, extent)
+    }
+
+    /// How joints move what is within `reach` (m) of the origin of `link`, and how far it gets from
+    /// `centre`.
+    fn motion(&self, link: usize, reach: f64, centre: &Vec3) -> (Row, f64) {
+        let model = &self.arm.model;
+        let levers: Levers = (0..model.dof())
+            .map(|joint| model.lever(&self.arm.limits, joint, link).map(|lever| lever.at(reach)))
+            .collect();
+        (row(&levers), link_reach(self.arm, link, reach, &self.links, centre))
     }
 }

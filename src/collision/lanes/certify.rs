@@ -63,8 +63,8 @@ impl Kernel for Certification<'_> {
         let mut exact = Exact::new(world, self.first, second, resting);
         let mut outcome = Outcome { blocked: 0, at: None };
         let mut samples = Samples::default();
-        let mut at = PlacedArm::<F>::nowhere();
-        let mut other_at = PlacedArm::<F>::nowhere();
+        let mut at = PlacedArm::<F>::room_for(Some(&self.first.lanes));
+        let mut other_at = PlacedArm::<F>::room_for(second.map(|second| &second.lanes));
         let mut candidates = Candidates::new();
         let mut stack = Candidates::new();
         let mut jobs: SmallVec<[Job; 4]> = SmallVec::new();

@@ -24,13 +24,6 @@ pub(super) struct LaneCapsule {
     pub(super) radius: f32,
 }
 
-/// A core placed in each lane.
-#[derive(Clone, Copy)]
-pub(super) enum Placed<F> {
-    Capsule(Segment8<F>, f32),
-    Box(Box8<F>),
-}
-
 /// A core that stands still, with its bounding box.
 #[derive(Debug, Clone)]
 pub(in crate::collision) struct LaneStatic {
@@ -89,31 +82,27 @@ impl LaneCore {
             }
         }
     }
+}
 
-    /// The core with its carrier at `frame`; `None` for one that stands still.
-    #[inline(always)]
-    pub(super) fn place<F: Float8>(&self, frame: Option<&Frame8<F>>) -> Placed<F> {
-        match self {
-            Self::Capsule(capsule) => Placed::Capsule(capsule.place(frame), capsule.radius),
-            Self::Box { centre, axes, half } => {
-                let half = splat3(half);
-                match frame {
-                    Some(frame) => {
-                        let zero = splat3(&[0.0; 3]);
-                        Placed::Box(Box8 {
-                            centre: column_sum(&frame.origin, &frame.axes, centre),
-                            axes: [
-                                column_sum(&zero, &frame.axes, &axes[0]),
-                                column_sum(&zero, &frame.axes, &axes[1]),
-                                column_sum(&zero, &frame.axes, &axes[2]),
-                            ],
-                            half,
-                        })
-                    }
-                    None => Placed::Box(still_box(centre, axes, &half)),
-                }
-            }
-        }
+/// A box with its carrier at `frame`; `None` for one that stands still.
+#[inline(always)]
+fn place_box<F: Float8>(
+    centre: &[f32; 3],
+    axes: &[[f32; 3]; 3],
+    half: &[f32; 3],
+    frame: Option<&Frame8<F>>,
+) -> Box8<F> {
+    let half = splat3(half);
+    let Some(frame) = frame else { return still_box(centre, axes, &half) };
+    let zero = splat3(&[0.0; 3]);
+    Box8 {
+        centre: column_sum(&frame.origin, &frame.axes, centre),
+        axes: [
+            column_sum(&zero, &frame.axes, &axes[0]),
+            column_sum(&zero, &frame.axes, &axes[1]),
+            column_sum(&zero, &frame.axes, &axes[2]),
+        ],
+        half,
     }
 }
 
@@ -134,20 +123,32 @@ fn in_box<F: Float8>(segment: &Segment8<F>, frame: &Box8<F>) -> Segment8<F> {
     Segment8 { start, along, ..*segment }
 }
 
+/// A core and the frame that carries it, `None` where that stands still.
+pub(super) type Carried<'a, F> = (&'a LaneCore, Option<&'a Frame8<F>>);
+
 /// A lower bound (m) on how far two cores are apart: their distance, or where both are boxes the
 /// widest gap. Not positive when capsule cores overlap.
 #[inline(always)]
-pub(super) fn separation<F: Float8>(a: &Placed<F>, b: &Placed<F>) -> F {
-    match (a, b) {
-        (Placed::Capsule(p, r), Placed::Capsule(q, s)) => {
-            segment_segment_squared(p, q).sqrt() - F::splat(r + s)
+pub(super) fn separation<F: Float8>(a: Carried<'_, F>, b: Carried<'_, F>) -> F {
+    let (capsule, at, (centre, axes, half), box_at) = match (a, b) {
+        ((LaneCore::Capsule(p), at), (LaneCore::Capsule(q), other_at)) => {
+            let squared = segment_segment_squared(&p.place(at), &q.place(other_at));
+            return squared.sqrt() - F::splat(p.radius + q.radius);
         }
-        (Placed::Box(a), Placed::Box(b)) => box_box_gap(a, b),
-        (Placed::Capsule(p, radius), Placed::Box(frame))
-        | (Placed::Box(frame), Placed::Capsule(p, radius)) => {
-            segment_box_squared(&in_box(p, frame), &frame.half).sqrt() - F::splat(*radius)
+        (
+            (LaneCore::Box { centre, axes, half }, at),
+            (LaneCore::Box { centre: other_centre, axes: other_axes, half: other_half }, other_at),
+        ) => {
+            let first = place_box(centre, axes, half, at);
+            return box_box_gap(&first, &place_box(other_centre, other_axes, other_half, other_at));
         }
-    }
+        ((LaneCore::Capsule(capsule), at), (LaneCore::Box { centre, axes, half }, box_at))
+        | ((LaneCore::Box { centre, axes, half }, box_at), (LaneCore::Capsule(capsule), at)) => {
+            (capsule, at, (centre, axes, half), box_at)
+        }
+    };
+    let frame = place_box(centre, axes, half, box_at);
+    segment_box_squared(&in_box(&capsule.place(at), &frame), &frame.half).sqrt() - F::splat(capsule.radius)
 }
 
 impl LaneStatic {
@@ -219,9 +220,8 @@ impl LaneStatic {
         matches!(self.core, LaneCore::Box { .. })
     }
 
-    /// The core in every lane.
-    #[inline(always)]
-    pub(super) fn placed<F: Float8>(&self) -> Placed<F> {
-        self.core.place(None)
+    /// The core, which nothing carries.
+    pub(super) fn core(&self) -> &LaneCore {
+        &self.core
     }
 }

@@ -47,9 +47,10 @@ impl Kernel for Ensemble<'_> {
         let mut placed: Vec<PlacedArm<F>> = Vec::with_capacity(self.movers.len());
         for mover in self.movers {
             mover.motion.sample(&pieces, &mut samples);
-            let mut at = PlacedArm::nowhere();
-            mover.lanes.place(&samples, true, &mut at);
-            placed.push(at);
+            placed.push(PlacedArm::room_for(Some(&mover.lanes)));
+            if let Some(at) = placed.last_mut() {
+                mover.lanes.place(&samples, true, at);
+            }
         }
         let mut candidates = Candidates::new();
         for (i, first) in self.movers.iter().enumerate() {
@@ -58,7 +59,13 @@ impl Kernel for Ensemble<'_> {
                     continue;
                 }
                 candidates.clear();
-                broad::between_arms(world, (first, second), (&placed[i], &placed[j]), active, &mut candidates);
+                broad::between_arms(
+                    world,
+                    (first, second),
+                    (&placed[i], &placed[j]),
+                    active,
+                    &mut candidates,
+                );
                 if candidates.is_empty() {
                     continue;
                 }

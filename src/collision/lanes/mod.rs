@@ -13,6 +13,7 @@ mod certify;
 mod core;
 mod ensemble;
 mod exact;
+mod impossible;
 mod limb;
 mod mover;
 mod narrow;

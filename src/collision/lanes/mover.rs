@@ -3,11 +3,11 @@
 use smallvec::SmallVec;
 
 use super::arm::{LaneArm, LaneAtom, Limb, Row, UNMOVED, row};
-use super::core::{LaneCapsule, LaneCore, Placed};
+use super::core::{LaneCapsule, LaneCore};
 use crate::collision::world::HeldAtoms;
 use crate::geometry::Vec3;
 use crate::geometry::lanes::{Float8, Segment8, V3};
-use crate::kinematics::Frames8;
+use crate::kinematics::{Frame8, Frames8};
 
 /// Joint values and how far they stray, at eight instants.
 #[derive(Debug, Clone, Default)]
@@ -86,33 +86,34 @@ impl<'a> LaneMover<'a> {
         for deviation in &samples.deviations {
             out.deviations.push(F::load(deviation));
         }
-        out.limbs.clear();
         if !with_limbs {
             return;
         }
-        let (least, most) = (F::splat(f32::INFINITY), F::splat(f32::NEG_INFINITY));
-        (out.low, out.high) = ([least; 3], [most; 3]);
         let held = self.held.as_ref().map(|held| &held.limb);
-        for limb in self.arm.limbs.iter().chain(held) {
-            let axis = limb.capsule.place(limb.frame.map(|frame| &out.frames[frame]));
+        let count = self.arm.limbs.len() + usize::from(held.is_some());
+        let zero = F::splat(0.0);
+        if out.limbs.len() != count {
+            out.limbs.clear();
+            let axis = Segment8 { start: [zero; 3], along: [zero; 3], square: zero, inverse: zero };
+            out.limbs.resize(count, PlacedLimb { axis, need: zero });
+        }
+        let (mut low, mut high) = ([F::splat(f32::INFINITY); 3], [F::splat(f32::NEG_INFINITY); 3]);
+        for (limb, placed) in self.arm.limbs.iter().chain(held).zip(&mut out.limbs) {
+            // In place, since a limb is too large to be handed around.
+            placed.axis = limb.capsule.place(limb.frame.map(|frame| &out.frames[frame]));
             let mut need = F::splat(limb.capsule.radius);
             if limb.frame.is_some() {
                 need = need + motion_bound(&limb.levers, &out.deviations);
             }
+            placed.need = need;
             for k in 0..3 {
-                let (a, b) = (axis.start[k], axis.start[k] + axis.along[k]);
-                out.low[k] = out.low[k].min(a.min(b) - need);
-                out.high[k] = out.high[k].max(a.max(b) + need);
+                let a = placed.axis.start[k];
+                let b = a + placed.axis.along[k];
+                low[k] = low[k].min(a.min(b) - need);
+                high[k] = high[k].max(a.max(b) + need);
             }
-            out.limbs.push(PlacedLimb { axis, need });
         }
-    }
-
-    /// The core of an atom.
-    #[inline(always)]
-    pub(super) fn place_atom<F: Float8>(&self, index: u16, at: &PlacedArm<F>) -> Placed<F> {
-        let atom = self.atom(index);
-        atom.core.place(atom.frame.map(|frame| &at.frames[frame]))
+        (out.low, out.high) = (low, high);
     }
 }
 
@@ -141,18 +142,26 @@ impl LaneHeld {
         let capsule = LaneCapsule::new(&centre, &centre, radius);
         let first = arm.atoms.len() as u16;
         let indices = (first..first + held.atoms.len() as u16).collect();
-        Self { limb: Limb { capsule, frame: *frame, levers, atoms: indices }, atoms }
+        Self { limb: Limb { capsule, frame: *frame, levers, reach: 0.0, atoms: indices }, atoms }
     }
 }
 
 impl<F: Float8> PlacedArm<F> {
+    /// Room for `mover`, to be filled by [`LaneMover::place`].
     #[inline(always)]
-    pub(super) fn nowhere() -> Self {
+    pub(super) fn room_for(mover: Option<&LaneMover<'_>>) -> Self {
         let zero = F::splat(0.0);
+        let (frames, limbs) = mover.map_or((0, 0), |mover| {
+            (mover.arm.frames.len(), mover.arm.limbs.len() + usize::from(mover.held.is_some()))
+        });
+        let frame = Frame8 { axes: [[zero; 3]; 3], origin: [zero; 3] };
+        let axis = Segment8 { start: [zero; 3], along: [zero; 3], square: zero, inverse: zero };
+        let limb = PlacedLimb { axis, need: zero };
+        // As arrays from the start: to lengthen a list of such large elements one by one is slow.
         Self {
-            frames: SmallVec::new(),
+            frames: SmallVec::from_buf_and_len([frame; 8], frames.min(8)),
             deviations: SmallVec::new(),
-            limbs: SmallVec::new(),
+            limbs: SmallVec::from_buf_and_len([limb; 8], limbs.min(8)),
             low: [zero; 3],
             high: [zero; 3],
         }

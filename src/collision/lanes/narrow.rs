@@ -2,14 +2,12 @@
 
 use super::arm::UNMOVED;
 use super::broad::{Candidate, Target};
-use super::core::{LaneCore, Placed, separation};
+use super::core::{Carried, LaneCore, LaneStatic, separation};
 use super::exact::Exact;
 use super::mover::{PlacedArm, motion_bound};
 use crate::collision::UNDECIDED_MOTION;
 use crate::collision::world::{CollisionWorld, Mover};
 use crate::geometry::lanes::{Bits8, Float8};
-
-use super::core::LaneStatic;
 
 /// What surrounds the look at a pair.
 pub(super) struct Scenery<'a> {
@@ -39,8 +37,8 @@ pub(super) fn look<F: Float8>(
     let world = scenery.world;
     let first = &scenery.first.lanes;
     let ours = first.atom(candidate.a);
-    let placed = first.place_atom(candidate.a, at.0);
-    let (other, bound, both_exact, both_boxes): (Placed<F>, F, bool, bool);
+    let placed: Carried<'_, F> = (&ours.core, ours.frame.map(|frame| &at.0.frames[frame]));
+    let (other, bound, both_exact, both_boxes): (Carried<'_, F>, F, bool, bool);
     let box_a = matches!(ours.core, LaneCore::Box { .. });
     match candidate.target {
         Target::World(index) => {
@@ -49,14 +47,14 @@ pub(super) fn look<F: Float8>(
                 Some(fixed) => fixed,
                 None => &scenery.resting[index - world.lane_obstacles.len()],
             };
-            other = fixed.placed();
+            other = (fixed.core(), None);
             bound = motion_bound(&ours.levers, &at.0.deviations);
             both_exact = ours.exact && fixed.exact;
             both_boxes = box_a && fixed.is_box();
         }
         Target::Itself(b) => {
             let theirs = first.atom(b);
-            other = first.place_atom(b, at.0);
+            other = (&theirs.core, theirs.frame.map(|frame| &at.0.frames[frame]));
             let mut sum = F::splat(0.0);
             for ((x, y), deviation) in ours.levers.iter().zip(&theirs.levers).zip(&at.0.deviations) {
                 if (*x == UNMOVED) != (*y == UNMOVED) {
@@ -70,14 +68,14 @@ pub(super) fn look<F: Float8>(
         Target::Other(b) => {
             let Some(second) = scenery.second else { return Look { open: 0, blocked: candidate.lanes } };
             let theirs = second.lanes.atom(b);
-            other = second.lanes.place_atom(b, at.1);
+            other = (&theirs.core, theirs.frame.map(|frame| &at.1.frames[frame]));
             bound =
                 motion_bound(&ours.levers, &at.0.deviations) + motion_bound(&theirs.levers, &at.1.deviations);
             both_exact = ours.exact && theirs.exact;
             both_boxes = box_a && matches!(theirs.core, LaneCore::Box { .. });
         }
     }
-    let apart = separation(&placed, &other);
+    let apart = separation(placed, other);
     let failing = F::bits(apart.less(bound + F::splat(world.margin))) & candidate.lanes;
     if failing == 0 {
         return Look { open: 0, blocked: 0 };

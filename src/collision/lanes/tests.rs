@@ -210,9 +210,8 @@ fn an_ensemble_is_free_where_all_its_pairs_are() {
         let mut rng = Seed(25).stream("ensembles");
         let mut free = 0;
         for _ in 0..400 {
-            let cases: Vec<Case> = (0..9)
-                .map(|arm| Case { arm: ArmId(arm), ..random_case(&problem, &mut rng) })
-                .collect();
+            let cases: Vec<Case> =
+                (0..9).map(|arm| Case { arm: ArmId(arm), ..random_case(&problem, &mut rng) }).collect();
             let motions: Vec<StraightMotion> =
                 cases.iter().map(|case| StraightMotion::new(&case.q, &case.to)).collect();
             let takings: Vec<Taking<'_>> =
