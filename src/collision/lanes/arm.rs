@@ -258,12 +258,7 @@ struct Draft {
 }
 
 impl<'a> Builder<'a> {
-    fn new(
-        arm: &'a Arm,
-        bodies: &'a ArmBodies,
-        frames: &'a MovingFrames,
-        twin: Option<&'a LaneArm>,
-    ) -> Self {
+    fn new(arm: &'a Arm, bodies: &'a ArmBodies, frames: &'a MovingFrames, twin: Option<&'a LaneArm>) -> Self {
         let model = &arm.model;
         let mut links = Vec::new();
         model.link_poses(&vec![0.0; model.dof()], &mut links);
