@@ -3,13 +3,12 @@
 
 use crate::geometry::{Pose, Vec3};
 use crate::kinematics::Config;
-use crate::workcell::ArmId;
 
 use super::UNDECIDED_MOTION;
 use super::arm_bodies::Levers;
 use super::atom::{Atom, PlacedAtom};
-use super::certify::{BodyIndex, JointMotion};
-use super::scene::{Exemption, Held, Scene};
+use super::certify::BodyIndex;
+use super::scene::Scene;
 use super::world::{CollisionWorld, Mover, Owner, Taking, WorldAtom};
 
 #[derive(Clone, Copy)]
