@@ -223,7 +223,7 @@ fn only_the_hot_path_knows_lanes() {
     for room in FLOW.iter().filter(|room| !["geometry", "kinematics", "collision", "cli"].contains(room)) {
         for (path, text) in sources(room) {
             let code = code(&text);
-            for word in ["lanes", "Float8", "InstructionSet", "MovingFrames"] {
+            for word in ["geometry::lanes", "Float8", "InstructionSet", "MovingFrames"] {
                 assert!(is_test(&path) || !names(&code, word), "{} names {word}", path.display());
             }
         }
