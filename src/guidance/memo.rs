@@ -87,6 +87,18 @@ impl Memo {
         Some(Solution { start: state.to_vec(), steps, weight })
     }
 
+    /// Remembers `plan` as something to begin with under cuts, for every state on its way.
+    pub fn suggest(&mut self, plan: &Solution) {
+        let shared = Arc::new(plan.clone());
+        for (offset, state) in plan.states().into_iter().enumerate() {
+            if self.hints.len() >= MOST_HINTS {
+                self.hints.clear();
+            }
+            let entry = Entry { plan: shared.clone(), offset, lower_bound: 0, proof: Proof::None };
+            self.hints.insert(state, entry);
+        }
+    }
+
     /// Remembers `answer` to `state` under `cuts`, for every state on its way. A state keeps its
     /// shorter plan, and of two equal ones the proved one.
     pub fn keep(&mut self, state: &[NodeId], answer: &Answer, cuts: &Cuts) {

@@ -24,6 +24,9 @@ const REVISIONS: usize = 6;
 /// Vertices whose guides are asked for again in one selection.
 const MOST_ASKED: usize = 4;
 
+/// Objects up to which another first action is looked at with a new plan for all that follows.
+const MOST_REPLANNED: usize = 16;
+
 /// Steps that a plan may take rather than do what another object blocks, or rather than rely on
 /// grasps that were not found to fit together.
 const BLOCKED_PENALTY: u32 = 6;
@@ -97,8 +100,8 @@ impl Search<'_> {
         let vertex = &self.tree[tau];
         let remaining = vertex.remaining().map_or(1e6, |steps| steps as f64) + vertex.penalty;
         vertex.depth as f64
-            + 1.3 * remaining
-            + 0.7 * f64::from(vertex.failures)
+            + 1.6 * remaining
+            + 0.6 * f64::from(vertex.failures)
             + 0.2 * f64::from(vertex.expansions)
             + 1e-3 * vertex.elapsed
     }
@@ -220,7 +223,9 @@ impl Search<'_> {
         if !self.rng.random_bool(chance) {
             return Some(guide);
         }
-        let other = if self.rng.random_bool(0.7) {
+        // A whole new plan for what follows is dear where there are many objects.
+        let few = self.problem.objects.len() <= MOST_REPLANNED;
+        let other = if few && self.rng.random_bool(0.7) {
             self.another_first_action(tau, &guide, control)
         } else {
             self.under_a_cut(tau, &guide, control)
@@ -265,6 +270,7 @@ impl Search<'_> {
         let mut cuts = self.cuts.clone();
         cuts.add(CutKind::Action(*actions.choose(&mut self.rng)?), 2, 1);
         let mut memo = Memo::new();
+        memo.suggest(&guide.solution);
         match self.guidance.guide(self.map.network(), &self.tree[tau].mode, &cuts, &mut memo, control) {
             Ok(Advice::Go(other)) => Some(other),
             _ => None,

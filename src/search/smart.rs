@@ -258,6 +258,7 @@ impl<'a> Search<'a> {
             is_goal,
             step: Some(Arc::new(Step { actions: grounding.actions, motion, task: grounding.task })),
         };
+        self.memo.suggest(&guide.solution);
         let objective = self.problem.options.objective;
         if self.best.is_some_and(|best| cost_so_far(&vertex, objective) >= best[0]) {
             return None;
