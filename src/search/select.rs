@@ -100,8 +100,8 @@ impl Search<'_> {
         let vertex = &self.tree[tau];
         let remaining = vertex.remaining().map_or(1e6, |steps| steps as f64) + vertex.penalty;
         vertex.depth as f64
-            + 1.6 * remaining
-            + 0.6 * f64::from(vertex.failures)
+            + 1.3 * remaining
+            + 0.7 * f64::from(vertex.failures)
             + 0.2 * f64::from(vertex.expansions)
             + 1e-3 * vertex.elapsed
     }
