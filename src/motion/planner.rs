@@ -163,12 +163,24 @@ impl<'a> StepPlanner<'a> {
                 }
             }
         }
-        let composite = thorough
-            .then(|| {
-                composite::plan(self.problem, self.world, &mut self.roadmaps, task, control, &mut self.rng)
-            })
-            .flatten();
-        composite.ok_or(failure.unwrap_or(StepFailure::Stopped))
+        if thorough && let Ok(motion) = self.plan_as_one_robot(task, control) {
+            return Ok(motion);
+        }
+        Err(failure.unwrap_or(StepFailure::Stopped))
+    }
+
+    /// Plans a step by the composite search alone: all arms as one robot, over the tensor product of
+    /// their roadmaps. The dearest of the means, and the one on which completeness rests.
+    ///
+    /// # Errors
+    /// When the search ends without a path, or `control` stops it.
+    pub fn plan_as_one_robot(
+        &mut self,
+        task: &StepTask,
+        control: &Control,
+    ) -> Result<StepMotion, StepFailure> {
+        composite::plan(self.problem, self.world, &mut self.roadmaps, task, control, &mut self.rng)
+            .ok_or(StepFailure::Stopped)
     }
 
     /// Two arms that act and would touch each other at the end of the step.

@@ -23,6 +23,8 @@ mod refine;
 mod select;
 mod settings;
 mod smart;
+#[cfg(test)]
+mod tests;
 mod tree;
 
 pub use candidate::Candidate;
