@@ -209,7 +209,8 @@ fn unsafe_code_is_where_the_map_says() {
     let allowed = ["guidance/interruptible.rs", "geometry/lanes/avx2.rs"];
     for room in FLOW {
         for (path, text) in sources(room) {
-            let uses = names(&code(&text), "unsafe");
+            // A word of content security policies.
+            let uses = names(&code(&text).replace("unsafe-inline", ""), "unsafe");
             let fine = allowed.iter().any(|file| path.ends_with(Path::new(file)));
             assert!(!uses || fine, "{} is unsafe", path.display());
         }
