@@ -8,7 +8,7 @@ use crate::guidance::{Answer, Cuts, Effort, Instance, Network, check, solve};
 use crate::mode_graph::{
     GraphKind, ModeGoal, ModeGraph, ModeGraphOptions, Place, build_mode_graph, optimistic_mode_graph,
 };
-use crate::problem::{GoalPlacement, Problem};
+use crate::problem::{GoalPlacement, InitialPlacement, Problem};
 use crate::run::{CancelToken, Control, Deadline, Seed};
 use crate::workcell::{ArmId, ObjectId, SurfaceId, Symmetry};
 
@@ -184,6 +184,48 @@ fn surfaces_given_as_goals_hold_all_their_nodes() {
         assert_eq!(steps(&graph), Some(3));
         assert_eq!(graph.objects[1].goal, ModeGoal::AnyPlacement);
     }
+}
+
+#[test]
+fn what_stands_in_the_way_is_put_aside() {
+    // Nobody wants the second cube anywhere, but it stands where the first one must go.
+    let place = at(1.66, 0.0, 0.0);
+    let mut cell = Cell::pair(vec![
+        Cube::new((0, at(-0.56, 0.0, 0.0)), (1, at(1.67, 0.01, 0.3))),
+        Cube::new((1, place), (1, place)),
+    ]);
+    cell.cubes[1].goal = GoalPlacement::Anywhere;
+    let problem = cell.problem();
+    // The arm beside it takes it, puts it on a buffer, receives the other and puts it down.
+    for graph in [build(&problem), optimistic_mode_graph(&problem)] {
+        assert_eq!(steps(&graph), Some(4));
+    }
+    // Where there is no buffer on that table, the other arm has to take it over.
+    let mut tight = cell;
+    tight.tables[1].1 = [0.05, 0.05];
+    assert!(steps(&build(&tight.problem())).is_none_or(|steps| steps > 4));
+}
+
+#[test]
+fn an_object_may_start_in_a_hand() {
+    let cell = Cell::pair(vec![Cube::new((0, at(-0.56, 0.0, 0.0)), (1, at(1.66, 0.0, 0.0)))]);
+    let mut problem = cell.problem();
+    let approach = |pose: &crate::geometry::Pose| pose.rotation.inverse() * crate::geometry::Vec3::z();
+    let slanted = problem.objects[0].grasps.iter().map(|grasp| grasp.object_in_tcp).find(|pose| {
+        let along = approach(pose);
+        along.x > 0.7 && along.z < -0.7
+    });
+    let hold = slanted.unwrap();
+    problem.initial[0] = InitialPlacement::Held { arm: ArmId(0), object_in_tcp: hold };
+    let graph = build(&problem);
+    assert_eq!(graph.objects[0].start, graph.arm_node(ArmId(0)));
+    // Given to the other arm and put down.
+    assert_eq!(steps(&graph), Some(2));
+    assert_eq!(steps(&optimistic_mode_graph(&problem)), Some(2));
+    // A hold that is none of the grasps is a hold all the same.
+    let turned = crate::geometry::pose_from_parts([0.0, 0.0, 0.001], [0.0, 0.0, 0.0, 1.0]) * hold;
+    problem.initial[0] = InitialPlacement::Held { arm: ArmId(0), object_in_tcp: turned };
+    assert_eq!(steps(&build(&problem)), Some(2));
 }
 
 #[test]
