@@ -71,7 +71,7 @@ pub(super) fn static_load(
     let mut game = Game::new(network, start);
     let mut best = (at_least as f64, vec![1.0 / arms as f64; arms]);
     let mut loads = vec![0.0; arms];
-    let mut try_out = |weights: &[f64], loads: &mut Vec<f64>, best: &mut (f64, Vec<f64>)| {
+    let try_out = |game: &mut Game, weights: &[f64], loads: &mut Vec<f64>, best: &mut (f64, Vec<f64>)| {
         loads.fill(0.0);
         let least = game.respond(weights, loads);
         let value = least + weights.iter().zip(&offsets).map(|(weight, offset)| weight * offset).sum::<f64>();
@@ -85,7 +85,7 @@ pub(super) fn static_load(
     let mut average = vec![0.0; arms];
     let mut rounds = 0.0;
     for round in 1..=ROUNDS {
-        try_out(&weights, &mut loads, &mut best);
+        try_out(&mut game, &weights, &mut loads, &mut best);
         // Later rounds count more.
         let share = round as f64;
         rounds += share;
@@ -103,7 +103,7 @@ pub(super) fn static_load(
         }
         if round % AVERAGED == 0 {
             let averaged: Vec<f64> = average.iter().map(|weight| weight / rounds).collect();
-            try_out(&averaged, &mut loads, &mut best);
+            try_out(&mut game, &averaged, &mut loads, &mut best);
         }
         let sum: f64 = regrets.iter().sum();
         if sum <= 0.0 {
@@ -114,7 +114,6 @@ pub(super) fn static_load(
         }
     }
     let least = round_up(best.0);
-    drop(try_out);
     (whole_carries(network, start, &mut game, &offsets, &best.1, least), best.1)
 }
 

@@ -99,8 +99,8 @@ impl Finder<'_> {
     fn find(&mut self, giver: ArmId, receiver: ArmId, passes_on: bool) -> bool {
         let witness = self
             .backwards(giver, receiver, passes_on)
-            .or_else(|| self.to_be_placed(giver, receiver))
-            .or_else(|| if passes_on { self.to_be_passed_on(giver, receiver) } else { None });
+            .or_else(|| self.ends_placed(giver, receiver))
+            .or_else(|| if passes_on { self.ends_passed_on(giver, receiver) } else { None });
         let Some(witness) = witness else { return false };
         self.found.push(Handover { giver, receiver, witness });
         let all = self.all[receiver.0].clone();
@@ -129,7 +129,7 @@ impl Finder<'_> {
     }
 
     /// A handoff to a hold in which the receiver can put the object down.
-    fn to_be_placed(&mut self, giver: ArmId, receiver: ArmId) -> Option<HandoffWitness> {
+    fn ends_placed(&mut self, giver: ArmId, receiver: ArmId) -> Option<HandoffWitness> {
         loop {
             let (giving, taking) = (&self.obtained[giver.0].likely, &self.placeable[receiver.0].likely);
             if giving.is_empty() || taking.is_empty() {
@@ -145,7 +145,7 @@ impl Finder<'_> {
     }
 
     /// A handoff to a hold in which the receiver cannot put the object down.
-    fn to_be_passed_on(&mut self, giver: ArmId, receiver: ArmId) -> Option<HandoffWitness> {
+    fn ends_passed_on(&mut self, giver: ArmId, receiver: ArmId) -> Option<HandoffWitness> {
         let placeable = &self.placeable[receiver.0].likely;
         let others: Vec<Hold> = self.all[receiver.0]
             .iter()

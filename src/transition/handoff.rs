@@ -87,7 +87,7 @@ pub(super) fn sample_handoffs(
         while left > 0 && handful.len() < HANDFUL * most {
             left -= 1;
             match sampler.draw(hands, rng) {
-                Draw::Hit(candidate) => handful.push(candidate),
+                Draw::Hit(candidate) => handful.push(*candidate),
                 Draw::Miss => {}
                 Draw::NoHolds => left = 0,
             }
@@ -115,7 +115,7 @@ struct Candidate {
 
 /// One draw of holds and a place.
 enum Draw {
-    Hit(Candidate),
+    Hit(Box<Candidate>),
     Miss,
     /// There is no pair of holds in which the hands fit.
     NoHolds,
@@ -167,13 +167,13 @@ impl Sampler<'_> {
         let taking = solve(self.receiver, &receiver_hold);
         let pairs = giving.iter().flat_map(|g| taking.iter().map(move |r| (self.cost(g, r), g, r)));
         match pairs.min_by(|a, b| a.0.total_cmp(&b.0)) {
-            Some((cost, g, r)) => Draw::Hit(Candidate {
+            Some((cost, g, r)) => Draw::Hit(Box::new(Candidate {
                 giver_hold,
                 receiver_hold,
                 giver_q: g.clone(),
                 receiver_q: r.clone(),
                 cost,
-            }),
+            })),
             None => Draw::Miss,
         }
     }

@@ -1,6 +1,9 @@
 //! The kernels' benchmark: each on random work that is drawn from one seed, next to parry where parry
 //! can do the same.
 
+// Lanes are counted: the same index goes through several arrays at once.
+#![allow(clippy::needless_range_loop)]
+
 use std::collections::BTreeMap;
 use std::hint::black_box;
 use std::sync::Arc;

@@ -39,7 +39,8 @@ impl NeverTouch<'_> {
         let mut all = Values { middle: Row::new(), half: Row::new() };
         for (joint, limit) in self.limits.iter().enumerate() {
             let (mut low, mut high) = (limit.lower, limit.upper);
-            if self.turns[joint] && !(high - low <= 2.0 * HALF_TURN) {
+            let within_a_turn = high - low <= 2.0 * HALF_TURN;
+            if self.turns[joint] && !within_a_turn {
                 (low, high) = (-HALF_TURN, HALF_TURN);
             }
             let moves = levers[joint] != UNMOVED;

@@ -1,5 +1,8 @@
 //! Lanes as plain arrays: what the compiler makes of them is SSE2 on x86-64, NEON on ARM.
 
+// Lanes are counted: the same index goes through several arrays at once.
+#![allow(clippy::needless_range_loop)]
+
 use std::ops::{Add, Mul, Neg, Sub};
 
 use super::float8::{Bits8, Float8};

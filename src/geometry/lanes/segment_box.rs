@@ -1,5 +1,8 @@
 //! Distance between a segment and an axis-aligned box around the origin.
 
+// Lanes are counted: the same index goes through several arrays at once.
+#![allow(clippy::needless_range_loop)]
+
 use super::float8::{Float8, V3};
 use super::segment_segment::Segment8;
 

@@ -1,5 +1,8 @@
 //! Every kernel on both instruction sets, against double precision and against parry.
 
+// Lanes are counted: the same index goes through several arrays at once.
+#![allow(clippy::needless_range_loop)]
+
 use parry3d_f64::math::{Pose as ParryPose, Rotation, Vector};
 use parry3d_f64::query;
 use parry3d_f64::shape::{Capsule, Cuboid};
