@@ -83,7 +83,7 @@ pub trait Guidance: std::fmt::Debug + Send + Sync {
     ) -> Result<Advice, InstanceError>;
 }
 
-/// All objects together: the solver of [`solve`].
+/// All objects together: the solver of [`super::solve`].
 #[derive(Debug, Clone)]
 pub struct Smart {
     /// How hard to try from each new state.

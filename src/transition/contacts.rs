@@ -201,7 +201,7 @@ impl<'a> Contacts<'a> {
         holds
     }
 
-    /// Handoffs, sampled anew: see [`sample_handoffs`].
+    /// Handoffs, sampled anew: the cheapest of a handful, with their lines.
     pub fn handoffs(
         &mut self,
         query: &HandoffQuery<'_>,
