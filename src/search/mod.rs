@@ -19,6 +19,7 @@ mod ground;
 mod handoffs;
 mod leg;
 mod map;
+mod outline;
 mod refine;
 mod select;
 mod settings;

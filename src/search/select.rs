@@ -13,7 +13,8 @@ use crate::workcell::ArmId;
 
 use super::chain::Misfit;
 use super::forecast::Neighbour;
-use super::ground::{GroundingFailure, Obstruction, Outline};
+use super::ground::GroundingFailure;
+use super::outline::{Obstruction, Outline};
 use super::smart::Search;
 use super::tree::Vertex;
 

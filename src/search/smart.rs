@@ -14,8 +14,9 @@ use crate::transition::Contacts;
 use crate::workcell::ArmId;
 
 use super::candidate::Candidate;
-use super::ground::{Grounder, Outline};
+use super::ground::Grounder;
 use super::map::Map;
+use super::outline::Outline;
 use super::select::cost_so_far;
 use super::settings::Settings;
 use super::tree::{ArmState, Step, Vertex, Whereabouts};

@@ -1,0 +1,265 @@
+//! Outlines: the whole of a guide's plan grounded but for its motions. Chains of grasps for every
+//! leg, against where the other objects will be by then, show what stands in the way before anything
+//! moves.
+
+use rand::Rng as _;
+use rand::seq::SliceRandom;
+
+use crate::geometry::Pose;
+use crate::guidance::{Guide, Move};
+use crate::kinematics::Config;
+use crate::transition::{ContactKind, ContactQuery};
+use crate::workcell::{ArmId, ObjectId, SurfaceId};
+
+use super::chain::{Chain, ChainPlanner, ChainRequest, Chains, Misfit, query};
+use super::forecast::{Neighbour, around};
+use super::ground::{Grounder, after_departure};
+use super::leg::{Leg, legs};
+use super::tree::{Vertex, Whereabouts};
+
+/// Failures of grasps to fit together after which detours are tried.
+const DETOUR_AFTER: u32 = 2;
+
+/// Places tried for an object that must be able to go on from there.
+const LOOK_AHEAD_TRIES: usize = 6;
+
+/// Buffer poses tried for one detour.
+const DETOUR_TARGETS: usize = 12;
+
+/// A leg that could not be grounded, and why.
+#[derive(Debug, Clone)]
+pub(super) struct Obstruction {
+    pub(super) leg: Leg,
+    pub(super) why: Misfit,
+}
+
+/// The legs of a guide with their chains, as far as they were found.
+#[derive(Debug, Default)]
+pub(super) struct Outline {
+    pub(super) legs: Vec<Leg>,
+    pub(super) chains: Chains,
+    pub(super) obstructions: Vec<Obstruction>,
+}
+
+impl Outline {
+    /// The number among the legs of its object, and the leg, to which `action` belongs.
+    pub(super) fn leg_of(&self, action: &Move, step: usize) -> Option<(usize, &Leg)> {
+        let of_object = self.legs.iter().filter(|leg| leg.object == action.object);
+        of_object.enumerate().find(|(_, leg)| leg.moves.contains(&(step, *action)))
+    }
+}
+
+impl<'a> Grounder<'a> {
+    /// Grounds the whole of the guide's plan but for its motions: chains for all legs from `vertex`,
+    /// those of the parent where they still suit.
+    pub(super) fn outline(&mut self, vertex: &Vertex, guide: &Guide) -> Outline {
+        let now: Vec<Config> = vertex.arms.iter().map(|arm| after_departure(arm).clone()).collect();
+        let mut outline = Outline { legs: legs(self.map, vertex, guide), ..Outline::default() };
+        for index in 0..outline.legs.len() {
+            let leg = outline.legs[index].clone();
+            let before = outline.legs[..index].iter().filter(|other| other.object == leg.object).count();
+            if outline.chains.get(&leg.object).map_or(0, Vec::len) != before {
+                // An earlier leg of this object has no chain.
+                continue;
+            }
+            let next = outline.legs[index + 1..].iter().find(|other| other.object == leg.object).cloned();
+            match self.chain(vertex, &outline, &leg, next.as_ref(), &now, false) {
+                Ok(chain) => outline.chains.entry(leg.object).or_default().push(chain),
+                Err(why) => outline.obstructions.push(Obstruction { leg, why }),
+            }
+        }
+        outline
+    }
+
+    /// Plans chains of the immediate actions again, one in two.
+    pub(super) fn renew(&mut self, vertex: &Vertex, guide: &Guide, outline: &mut Outline) {
+        let now: Vec<Config> = vertex.arms.iter().map(|arm| after_departure(arm).clone()).collect();
+        for action in &guide.immediate {
+            if !self.rng.random_bool(0.5) {
+                continue;
+            }
+            let mut of_object = outline.legs.iter().filter(|leg| leg.object == action.object);
+            let (first, next) = (of_object.next().cloned(), of_object.next().cloned());
+            let Some(first) = first else { continue };
+            let old = outline.chains.remove(&action.object);
+            let chains = match self.chain(vertex, outline, &first, next.as_ref(), &now, true) {
+                Ok(chain) => Some(vec![chain]),
+                Err(_) => old,
+            };
+            outline.chains.extend(chains.map(|chains| (action.object, chains)));
+        }
+    }
+
+    /// The chain of `leg`: the one that is known, or a fresh one by which `next` can go on.
+    fn chain(
+        &mut self,
+        vertex: &Vertex,
+        outline: &Outline,
+        leg: &Leg,
+        next: Option<&Leg>,
+        now: &[Config],
+        renew: bool,
+    ) -> Result<Chain, Misfit> {
+        let object = leg.object;
+        let planned = outline.chains.get(&object);
+        let number = planned.map_or(0, Vec::len);
+        let from = match planned.and_then(|chains| chains.last()) {
+            Some(before) => Whereabouts::Resting { pose: before.target.0, surface: before.target.1 },
+            None => vertex.objects[object].clone(),
+        };
+        let at_pick = self.around(vertex, outline, object, leg.begins());
+        let at_place = self.around(vertex, outline, object, leg.ends());
+        if !renew
+            && let Some(known) = vertex.chains.get(&object).and_then(|chains| chains.get(number))
+            && known.carriers.iter().map(|(arm, _)| *arm).eq(leg.arms.iter().copied())
+            && (known.node == leg.end || known.wanted == leg.end)
+            && self.suits(known, object, &from, &at_pick, &at_place)
+        {
+            return Ok(known.clone());
+        }
+        let last = *leg.arms.last().ok_or(Misfit::Between)?;
+        let key = (object, leg.arms.clone(), leg.end);
+        let failures = self.barren.get(&key).copied().unwrap_or(0);
+        let targets = self.map.placements(object, leg.end);
+        let request = ChainRequest {
+            object: ObjectId(object),
+            from: &from,
+            arms: &leg.arms,
+            targets: &targets,
+            arms_at: now,
+            at_pick: &at_pick,
+            at_place: &at_place,
+            node: leg.end,
+            wanted: leg.end,
+            anew: renew,
+        };
+        let tries = if next.is_some() && targets.len() > 1 { LOOK_AHEAD_TRIES } else { 1 };
+        let mut why = Misfit::Between;
+        for _ in 0..tries {
+            match self.planner().plan(&request) {
+                Ok(chain) if tries == 1 || self.leads_to(vertex, outline, &chain, next, now) => {
+                    return Ok(chain);
+                }
+                Ok(_) => why = Misfit::Between,
+                Err(misfit) => {
+                    why = misfit;
+                    break;
+                }
+            }
+        }
+        if !matches!(why, Misfit::Blocked { .. }) {
+            *self.barren.entry(key).or_default() += 1;
+            // Where grasps do not fit together all the way, the object is put down on a buffer once,
+            // to be taken up in another way.
+            if number == 0 && failures >= DETOUR_AFTER {
+                let mut detours = self.map.regions_of(object, last);
+                detours.retain(|&node| node != leg.end);
+                detours.shuffle(&mut self.rng);
+                for node in detours {
+                    let mut targets = self.map.placements(object, node);
+                    targets.shuffle(&mut self.rng);
+                    targets.truncate(DETOUR_TARGETS);
+                    let goals = self.map.placements(object, leg.end);
+                    targets.retain(|&target| self.leads_on(last, ObjectId(object), target, &goals));
+                    let detour = ChainRequest { targets: &targets, node, ..request };
+                    if let Ok(chain) = self.planner().plan(&detour) {
+                        return Ok(chain);
+                    }
+                }
+            }
+        }
+        Err(why)
+    }
+
+    pub(super) fn planner(&mut self) -> ChainPlanner<'_, 'a> {
+        ChainPlanner {
+            problem: self.problem,
+            world: self.world,
+            contacts: &mut self.contacts,
+            handoffs: &mut self.handoffs,
+            rng: &mut self.rng,
+            handoff_tries: self.handoff_tries,
+        }
+    }
+
+    pub(super) fn around(
+        &self,
+        vertex: &Vertex,
+        outline: &Outline,
+        object: usize,
+        step: usize,
+    ) -> Vec<Neighbour> {
+        around(self.map, vertex, &outline.legs, &outline.chains, object, step)
+    }
+
+    /// Whether the contacts at both ends of a known chain can still be had.
+    fn suits(
+        &mut self,
+        chain: &Chain,
+        object: usize,
+        from: &Whereabouts,
+        at_pick: &[Neighbour],
+        at_place: &[Neighbour],
+    ) -> bool {
+        let (Some(&(first, taken)), Some(&(last, put))) = (chain.carriers.first(), chain.carriers.last())
+        else {
+            return false;
+        };
+        let mut planner = self.planner();
+        let mut can = |asked: &ContactQuery, hold: &Pose, neighbours: &[Neighbour]| {
+            planner.contacts.has(asked, hold) && planner.blockers(asked, hold, neighbours).is_empty()
+        };
+        let picks = match from {
+            Whereabouts::Resting { pose, surface } => {
+                let pick = query(ContactKind::Pick, first, ObjectId(object), (*pose, *surface));
+                can(&pick, &taken, at_pick)
+            }
+            Whereabouts::Held { .. } => true,
+        };
+        picks && can(&query(ContactKind::Place, last, ObjectId(object), chain.target), &put, at_place)
+    }
+
+    /// Whether the object can go on along `next` from where `chain` puts it down.
+    fn leads_to(
+        &mut self,
+        vertex: &Vertex,
+        outline: &Outline,
+        chain: &Chain,
+        next: Option<&Leg>,
+        now: &[Config],
+    ) -> bool {
+        let Some(next) = next else { return true };
+        let at_pick = self.around(vertex, outline, next.object, next.begins());
+        let at_place = self.around(vertex, outline, next.object, next.ends());
+        let targets = self.map.placements(next.object, next.end);
+        let request = ChainRequest {
+            object: ObjectId(next.object),
+            from: &Whereabouts::Resting { pose: chain.target.0, surface: chain.target.1 },
+            arms: &next.arms,
+            targets: &targets,
+            arms_at: now,
+            at_pick: &at_pick,
+            at_place: &at_place,
+            node: next.end,
+            wanted: next.end,
+            anew: false,
+        };
+        self.planner().plan(&request).is_ok()
+    }
+
+    /// Whether `arm` can take the object up at `from` in a hold in which it can put it down at one
+    /// of `goals`.
+    fn leads_on(
+        &mut self,
+        arm: ArmId,
+        object: ObjectId,
+        from: (Pose, SurfaceId),
+        goals: &[(Pose, SurfaceId)],
+    ) -> bool {
+        let taken = self.contacts.holds(&query(ContactKind::Pick, arm, object, from));
+        goals.iter().any(|&goal| {
+            let put_down = query(ContactKind::Place, arm, object, goal);
+            taken.iter().any(|(_, hold)| self.contacts.has(&put_down, hold))
+        })
+    }
+}
