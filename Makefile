@@ -34,7 +34,8 @@ test:
 # The long forms, one after the other: they measure.
 soak:
 	@deploy/setup.sh test
-	QUADRILLE_SOAK=1 $(CARGO) test --release --locked --test service -- --nocapture --test-threads 1 kills:: load:: durable:: fuzz:: foreign::
+	QUADRILLE_SOAK=1 $(CARGO) test --release --locked --test service -- --nocapture --test-threads 1 \
+		kills:: load:: durable:: streams:: requests::a_hundred foreign:: fuzz::
 
 api: setup
 	QUADRILLE_WRITE_API=1 $(CARGO) test --release --locked --test service openapi::the_files

@@ -56,6 +56,16 @@ impl Planner for SmartPlanner {
     ) -> Outcome {
         crate::planner::plan_with(&self.cache, problem, control, observe)
     }
+
+    fn improve(
+        &self,
+        problem: &Problem,
+        known: &Plan,
+        control: &Control,
+        observe: &mut (dyn FnMut(PlannerEvent<'_>) + Send),
+    ) -> Outcome {
+        crate::planner::improve_with(&self.cache, problem, known, control, observe)
+    }
 }
 
 impl<F> Planner for F

@@ -222,16 +222,6 @@ fn ending(outcome: &Outcome, has_plan: bool) -> (TerminationReason, Option<Strin
     (reason, if has_plan { None } else { outcome.diagnosis.clone() })
 }
 
-/// Whether a plan of these figures is better than one of those, by what the problem asks for.
-fn better(new: &Metrics, old: &Metrics, objective: Objective) -> bool {
-    let cost = |metrics: &Metrics| match objective {
-        Objective::Duration => [metrics.duration_s, metrics.arc_length],
-        Objective::ArcLength => [metrics.arc_length, metrics.duration_s],
-        Objective::Steps => [metrics.steps as f64, metrics.duration_s],
-    };
-    cost(new) < cost(old)
-}
-
 /// Turns what the planner reports into events of its job.
 struct Reporter<'a> {
     shared: &'a Shared,
@@ -278,7 +268,7 @@ impl Reporter<'_> {
     fn publish_plan(&mut self, plan: &Plan) {
         let known = self.best.as_ref();
         let objective = self.problem.options.objective;
-        if self.lost || known.is_some_and(|(_, best)| !better(&plan.metrics, best, objective)) {
+        if self.lost || known.is_some_and(|(_, best)| plan.metrics.cost(objective) >= best.cost(objective)) {
             return;
         }
         let revision = known.map_or(1, |(revision, _)| revision + 1);

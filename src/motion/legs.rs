@@ -6,7 +6,7 @@ use crate::trajectory::{Curve, CurveTable, time_path};
 use crate::transition::Line;
 use crate::workcell::{Arm, ArmId};
 
-use super::task::{ArmGoal, ArmTask};
+use super::task::{ArmGoal, ArmTask, Departure};
 use super::timed::{CurveMotion, Window, pieces};
 
 /// Greatest deviation (rad or m) where a corner of the free path is rounded.
@@ -122,25 +122,42 @@ impl Way {
         let to = if approach { self.waypoints.len() } else { self.approach_start + 1 };
         let waypoints = self.waypoints.get(from..to)?;
         let curve = time_path(waypoints, self.tolerances.get(from..to)?, &arm.limits).ok()?;
-        let mut windows = Vec::new();
         let mut departed = 0.0;
         let mut approaching = None;
-        if before && let Some(departure) = &task.departure {
-            let distance = departure.line.distance;
-            departed = leaves(arm, &curve, distance);
-            let to = leaves(arm, &curve, distance - EXEMPTION_MARGIN);
-            windows.push(Window { from: 0.0, to, exemption: departure.exemption });
+        let departure = task.departure.as_ref().filter(|_| before);
+        if let Some(departure) = departure {
+            departed = leaves(arm, &curve, departure.line.distance);
         }
-        if approach && let ArmGoal::Contact { approach: Some(line), exemption, .. } = &task.goal {
-            let backwards = curve.reversed();
-            let end = curve.end_time();
-            approaching = Some(end - leaves(arm, &backwards, line.distance + EXEMPTION_MARGIN));
-            let from = end - leaves(arm, &backwards, line.distance - EXEMPTION_MARGIN);
-            let from = windows.last().map_or(from, |w: &Window| from.max(w.to));
-            windows.push(Window { from, to: end, exemption: *exemption });
+        let goal = Some(&task.goal).filter(|_| approach);
+        if let Some(ArmGoal::Contact { approach: Some(line), .. }) = goal {
+            let distance = line.distance + EXEMPTION_MARGIN;
+            approaching = Some(curve.end_time() - leaves(arm, &curve.reversed(), distance));
         }
+        let windows = windows(arm, departure, goal, &curve);
         Some(Leg { curve, windows, departed, approaching })
     }
+}
+
+/// When an arm's contacts are exempt on a curve from 0 on that begins with the line of `departure`
+/// and ends with that of `goal`.
+pub fn windows(
+    arm: &Arm,
+    departure: Option<&Departure>,
+    goal: Option<&ArmGoal>,
+    curve: &Curve,
+) -> Vec<Window> {
+    let mut windows: Vec<Window> = Vec::new();
+    if let Some(departure) = departure {
+        let to = leaves(arm, curve, departure.line.distance - EXEMPTION_MARGIN);
+        windows.push(Window { from: 0.0, to, exemption: departure.exemption });
+    }
+    if let Some(ArmGoal::Contact { approach: Some(line), exemption, .. }) = goal {
+        let end = curve.end_time();
+        let from = end - leaves(arm, &curve.reversed(), line.distance - EXEMPTION_MARGIN);
+        let from = windows.last().map_or(from, |window| from.max(window.to));
+        windows.push(Window { from, to: end, exemption: *exemption });
+    }
+    windows
 }
 
 /// Corner tolerances of a line's waypoints from the contact outwards: tight along the required

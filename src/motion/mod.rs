@@ -18,6 +18,7 @@ mod task;
 mod timed;
 
 pub use arm_path::{Avoid, find_path};
+pub use legs::windows;
 pub use planner::{StepFailure, StepPlanner, first_roadmaps};
 pub use roadmap::Roadmap;
 pub use task::{ArmGoal, ArmTask, Departure, StepTask};

@@ -3,6 +3,7 @@
 mod from_curve;
 
 use crate::geometry::Pose;
+use crate::problem::Objective;
 use crate::workcell::{ArmId, ObjectId, SurfaceId};
 
 /// One breakpoint of an arm's trajectory. Between breakpoints the motion is the cubic Hermite
@@ -108,6 +109,13 @@ pub struct Metrics {
     pub steps_proof: StepsProof,
     /// When the verified plan was published (s since the run's start).
     pub found_after_s: f64,
+}
+
+impl Metrics {
+    /// The cost under `objective`: what comes first counts first, and less is better.
+    pub fn cost(&self, objective: Objective) -> [f64; 2] {
+        objective.cost(self.duration_s, self.arc_length, self.steps)
+    }
 }
 
 /// What the judge said of the plan.

@@ -6,7 +6,7 @@ mod pipeline;
 
 pub use cache::PlannerCache;
 pub use event::{Outcome, PlannerEvent, Termination};
-pub use pipeline::{plan, plan_with};
+pub use pipeline::{improve_with, plan, plan_with};
 
 #[cfg(test)]
 mod tests;

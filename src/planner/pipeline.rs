@@ -40,6 +40,29 @@ pub fn plan_with(
     control: &Control,
     observe: &mut (dyn FnMut(PlannerEvent<'_>) + Send),
 ) -> Outcome {
+    run(cache, problem, None, control, observe)
+}
+
+/// [`plan_with`] from a plan in hand, which the judge has accepted for this problem: only what is
+/// better becomes an incumbent, and the search begins from it. A plan that is not made of steps as the
+/// planner makes them (all arms at rest at their ends) is a bound alone.
+pub fn improve_with(
+    cache: &PlannerCache,
+    problem: &Problem,
+    known: &Plan,
+    control: &Control,
+    observe: &mut (dyn FnMut(PlannerEvent<'_>) + Send),
+) -> Outcome {
+    run(cache, problem, Some(known), control, observe)
+}
+
+fn run(
+    cache: &PlannerCache,
+    problem: &Problem,
+    known: Option<&Plan>,
+    control: &Control,
+    observe: &mut (dyn FnMut(PlannerEvent<'_>) + Send),
+) -> Outcome {
     let seed = Seed(problem.options.seed);
     let progress = |observe: &mut (dyn FnMut(PlannerEvent<'_>) + Send), phase| {
         let elapsed_s = control.deadline.elapsed_s();
@@ -71,20 +94,24 @@ pub fn plan_with(
         roadmaps: compiled.roadmaps(),
         map: &map,
         control,
+        known,
         bound: bound.steps,
         stop: CancelToken::new(),
         iterations: AtomicU64::new(0),
         board: Mutex::new(Board {
             observe,
-            best: None,
-            cost: None,
+            best: known.cloned(),
+            cost: known.map(|plan| plan.metrics.cost(problem.options.objective)),
             termination: None,
             cause: None,
             last_progress: f64::NEG_INFINITY,
-            last_improvement: 0.0,
+            last_improvement: control.deadline.elapsed_s(),
             rejected: 0,
         }),
     };
+    if let Some(Metrics { duration_s, steps, .. }) = known.map(|plan| &plan.metrics) {
+        run.lock(|board| run.check_goals(board, *duration_s, *steps));
+    }
     run.search_with(problem.options.threads.max(1), contacts, seed);
     run.outcome()
 }
@@ -120,6 +147,8 @@ struct Run<'a, 'o> {
     roadmaps: &'a [Roadmap],
     map: &'a Map,
     control: &'a Control,
+    /// A plan to begin from.
+    known: Option<&'a Plan>,
     bound: usize,
     /// Raised when one thread has met a stop condition.
     stop: CancelToken,
@@ -167,6 +196,11 @@ impl<'a> Run<'a, '_> {
             self.control,
         );
         self.sign_of_life();
+        if let Some(known) = self.known
+            && let Err(why) = search.resume(known, self.control)
+        {
+            tracing::info!(%why, "the plan to begin from is a bound alone");
+        }
         while !self.should_stop() {
             if let Some(cost) = self.lock(|board| board.cost) {
                 search.set_incumbent(cost);
@@ -271,18 +305,18 @@ impl<'a> Run<'a, '_> {
             board.last_improvement = found_after_s;
             (board.observe)(PlannerEvent::Incumbent(&plan));
             board.best = Some(plan);
-            self.check_goals(board, candidate);
+            self.check_goals(board, candidate.duration, candidate.steps);
         });
         Some(cost)
     }
 
-    fn check_goals(&self, board: &mut Board<'_>, candidate: &Candidate) {
+    fn check_goals(&self, board: &mut Board<'_>, duration: f64, steps: usize) {
         let options = &self.problem.options;
         if options.stop.first_solution {
             self.end(board, Termination::FirstSolution);
-        } else if options.stop.target_duration_s.is_some_and(|target| candidate.duration <= target) {
+        } else if options.stop.target_duration_s.is_some_and(|target| duration <= target) {
             self.end(board, Termination::TargetReached);
-        } else if options.objective == Objective::Steps && candidate.steps <= self.bound {
+        } else if options.objective == Objective::Steps && steps <= self.bound {
             // Fewer steps are impossible; a shorter duration at the same steps still counts, but
             // the objective itself is at its least.
             self.end(board, Termination::Optimal);

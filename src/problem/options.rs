@@ -29,6 +29,18 @@ pub enum Objective {
     Steps,
 }
 
+impl Objective {
+    /// The cost of a plan with these figures (s, rad or m, steps): what comes first counts first, and
+    /// less is better.
+    pub fn cost(self, duration: f64, arc_length: f64, steps: usize) -> [f64; 2] {
+        match self {
+            Self::Duration => [duration, arc_length],
+            Self::ArcLength => [arc_length, duration],
+            Self::Steps => [steps as f64, duration],
+        }
+    }
+}
+
 /// When to stop before the budget ends.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Stop {

@@ -66,11 +66,7 @@ impl Candidate {
 
     /// Its cost under `objective`: what comes first counts first.
     pub fn cost(&self, objective: Objective) -> [f64; 2] {
-        match objective {
-            Objective::Duration => [self.duration, self.arc_length],
-            Objective::ArcLength => [self.arc_length, self.duration],
-            Objective::Steps => [self.steps as f64, self.duration],
-        }
+        objective.cost(self.duration, self.arc_length, self.steps)
     }
 
     /// The arms' trajectories as a plan holds them: one clock, the same last instant for all.

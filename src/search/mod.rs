@@ -21,6 +21,7 @@ mod leg;
 mod map;
 mod outline;
 mod refine;
+mod resume;
 mod select;
 mod settings;
 mod smart;
@@ -30,5 +31,6 @@ mod tree;
 
 pub use candidate::Candidate;
 pub use map::Map;
+pub use resume::NotResumed;
 pub use settings::Settings;
 pub use smart::{Report, Search};

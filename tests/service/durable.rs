@@ -1,9 +1,12 @@
 //! Jobs that survive the end of the process, however it comes.
 
+use std::time::{Duration, Instant};
+
 use futures::StreamExt;
+use quadrille::service::ServiceConfig;
 use serde_json::{Value, json};
 
-use crate::process::Process;
+use crate::process::{Process, soak};
 use crate::script::problem;
 use crate::server::Server;
 
@@ -129,6 +132,10 @@ async fn a_poisonous_job_is_given_up() {
         assert!(end["state"] == "SUCCEEDED" || lost, "{end}");
     }
     assert!(!process.has_ended());
+    println!(
+        "a job that ends the process each time ended after 3 attempts, {} others were done",
+        jobs.len() - 1
+    );
 }
 
 #[tokio::test]
@@ -154,6 +161,7 @@ async fn sigterm_gives_jobs_back_and_ends_streams() {
     for stream in &mut streams {
         stream.next().await.unwrap().unwrap();
     }
+    let told = Instant::now();
     process.terminate();
     for stream in streams {
         let text: Vec<u8> = stream.map(|chunk| chunk.expect("a clean end").to_vec()).concat().await;
@@ -161,16 +169,40 @@ async fn sigterm_gives_jobs_back_and_ends_streams() {
         assert!(text.ends_with("retry: 2000\n\n"), "{text}");
         assert!(!text.contains("terminal"));
     }
+    let ended = told.elapsed();
     assert!(process.wait().success());
+    let (gone, limit) = (told.elapsed(), ServiceConfig::default().drain);
+    println!(
+        "SIGTERM with 100 streams: they ended within {:.0} ms, the process within {:.0} ms of {:.0} s",
+        ended.as_secs_f64() * 1e3,
+        gone.as_secs_f64() * 1e3,
+        limit.as_secs_f64()
+    );
+    if soak() {
+        assert!(gone < limit, "{gone:?}");
+    }
 
     let process = Process::start(folder.path());
+    let mut resumed = 0;
     for job in &jobs {
+        // Every job goes on: those that ran in their next attempt, those that waited in their first.
+        loop {
+            let record: Value = client.get(process.url(job)).send().await.unwrap().json().await.unwrap();
+            match record["state"].as_str().unwrap() {
+                "RUNNING" => break,
+                "QUEUED" => tokio::time::sleep(Duration::from_millis(5)).await,
+                other => panic!("{job} is {other}"),
+            }
+        }
         client.post(process.url(&format!("{job}/cancel"))).send().await.unwrap();
         let events = process.durable(&client, job).await;
         assert_eq!(kinds(&events).iter().filter(|kind| **kind == "terminal").count(), 1);
         let given_back: Vec<&Value> = events.iter().filter(|event| event["type"] == "retrying").collect();
         assert!(given_back.iter().all(|event| event["cause"] == "shutdown"), "{given_back:?}");
+        resumed += given_back.len();
     }
+    println!("{} jobs went on at the next start, {resumed} of them from where they were", jobs.len());
+    assert!(resumed > 0, "some ran");
 }
 
 #[tokio::test]

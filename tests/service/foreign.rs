@@ -119,4 +119,7 @@ async fn schemathesis_finds_no_fault() {
     let output = run(command).await;
     assert!(output.status.success(), "{}", told(&output));
     assert_eq!(server.json("/livez").await, json!({"status": "ok"}));
+    if soak() {
+        println!("{}", String::from_utf8_lossy(&output.stdout));
+    }
 }

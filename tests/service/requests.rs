@@ -41,6 +41,7 @@ async fn a_hundred_requests_under_one_key_are_one_job() {
         let request = server.client.post(server.url("/v1/jobs")).header("idempotency-key", bad.as_bytes());
         assert_eq!(server.refused(request.body("{}"), 400).await["code"], "bad_parameter", "{bad}");
     }
+    println!("100 requests under one key: {} job, 100 replies with its place", locations.len());
     // A stream under the key is that of the same job.
     let request = server.client.post(server.url("/v1/plan")).header("idempotency-key", "order-1");
     let reply = request.body(body.to_string()).send().await.unwrap();
@@ -163,6 +164,21 @@ async fn a_job_begins_from_a_plan_that_the_judge_accepts() {
         plan.as_object_mut().unwrap().remove("verification");
     }
     assert_eq!(first, given);
+
+    // Without that stop the search goes on from it: every further plan is better.
+    let mut further = again.clone();
+    further["problem"]["options"] = json!({"time_budget_s": 600.0, "max_iterations": 60, "seed": 3});
+    let reply = server.post("/v1/jobs", further.to_string()).await;
+    let job = reply.headers()["location"].to_str().unwrap().to_owned();
+    let events = server.durable(&job).await;
+    let durations: Vec<f64> = events
+        .iter()
+        .filter(|event| event["type"] == "incumbent")
+        .map(|event| event["metrics"]["duration_s"].as_f64().unwrap())
+        .collect();
+    assert_eq!(durations[0], plan["metrics"]["duration_s"].as_f64().unwrap());
+    assert!(durations.len() > 1, "sixty iterations make it better");
+    assert!(durations.windows(2).all(|pair| pair[1] < pair[0]), "{durations:?}");
 
     let mut broken = plan.clone();
     let points = broken["arms"][0]["points"].as_array_mut().unwrap();

@@ -3,6 +3,7 @@
 use futures::StreamExt;
 use serde_json::Value;
 
+use crate::process::soak;
 use crate::script::problem;
 use crate::server::{Server, lines, problem_document};
 
@@ -114,6 +115,37 @@ async fn two_readers_of_a_running_job_see_the_same() {
     });
     assert_eq!(first, second);
     assert_eq!(first.len(), 4);
+}
+
+/// One reader stays, the other leaves after every third event and comes back for the rest.
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_reader_that_keeps_coming_back_misses_nothing() {
+    let (plans, pause) = if soak() { (200, 40) } else { (20, 20) };
+    let server = Server::start(1, 8).await;
+    let job = server.create(&format!("steps {plans} {pause}")).await;
+    let stays = server.durable(&job);
+    let returns = async {
+        let (mut seen, mut last, mut visits) = (Vec::new(), 0, 0);
+        while seen.last().is_none_or(|event: &Value| event["type"] != "terminal") {
+            let request =
+                server.client.get(server.url(&format!("{job}/events"))).header("accept", "text/event-stream");
+            let request = if last > 0 { request.header("last-event-id", last.to_string()) } else { request };
+            let durable = |sent: &[Sent]| sent.iter().filter(|one| one.id.is_some()).count();
+            let reply = request.send().await.unwrap();
+            let sent = read_sse(reply, |sent| durable(sent) >= 3).await;
+            for one in sent.into_iter().filter(|one| one.id.is_some()).take(3) {
+                last = one.id.unwrap();
+                seen.push(one.data);
+            }
+            visits += 1;
+        }
+        (seen, visits)
+    };
+    let (stayed, (returned, visits)) = tokio::join!(stays, returns);
+    let numbers: Vec<u64> = stayed.iter().filter_map(|event| event["seq"].as_u64()).collect();
+    assert_eq!(numbers, (1..=plans + 3).collect::<Vec<_>>());
+    assert_eq!(returned, stayed);
+    println!("two readers saw the same {} events in order, one of them in {visits} visits", stayed.len());
 }
 
 #[tokio::test]
