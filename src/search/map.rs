@@ -2,12 +2,9 @@
 
 use crate::geometry::Pose;
 use crate::guidance::{Instance, InstanceError, Network, NodeId};
-use crate::mode_graph::{ModeGoal, ModeGraph, Place};
+use crate::mode_graph::{ModeGraph, Place};
 use crate::problem::Problem;
 use crate::workcell::{ArmId, ObjectId, SurfaceId};
-
-/// An object is at a slot when it is this near (m).
-const AT_SLOT: f64 = 2e-3;
 
 /// A mode graph and the network of guidance that was made from it.
 #[derive(Debug)]
@@ -48,44 +45,6 @@ impl Map {
             .into_iter()
             .map(|placement| (placement.pose, placement.surface))
             .collect()
-    }
-
-    /// The node at which `object` stands at `pose` on `surface`: the one that puts it down the nearest,
-    /// of its goals only where it shall stay there.
-    pub(super) fn node_at(
-        &self,
-        object: usize,
-        (pose, surface): (&Pose, SurfaceId),
-        stays: bool,
-    ) -> Option<NodeId> {
-        let goal = self.graph.objects.get(object).map(|object| &object.goal)?;
-        let distance = |node: &usize| {
-            let at = self.graph.placements(ObjectId(object), *node);
-            let away =
-                at.iter().map(|place| (place.pose.translation.vector - pose.translation.vector).norm());
-            away.fold(f64::INFINITY, f64::min)
-        };
-        let fits = |node: &usize| {
-            let allowed = match goal {
-                ModeGoal::Nodes(nodes) if stays => nodes.contains(node),
-                _ => true,
-            };
-            let class = match self.graph.nodes.get(*node).map(|node| &node.place) {
-                Some(Place::Slot(slot)) => Some(slot.class),
-                Some(Place::Region(region)) => Some(region.class),
-                _ => None,
-            };
-            let this = self.graph.objects.get(object).map(|object| object.class);
-            allowed && class.is_some() && class == this && self.graph.surface_of(*node) == Some(surface)
-        };
-        let nearest = |exact: bool| {
-            let nodes = (0..self.graph.nodes.len()).filter(fits);
-            let of_kind = nodes.filter(|&node| {
-                !exact || matches!(self.graph.nodes[node].place, Place::Slot(_)) && distance(&node) < AT_SLOT
-            });
-            of_kind.min_by(|a, b| distance(a).total_cmp(&distance(b)))
-        };
-        nearest(true).or_else(|| nearest(false)).map(NodeId)
     }
 
     /// The regions where `arm` can put `object` aside.

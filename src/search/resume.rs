@@ -1,11 +1,11 @@
 //! Going on from a plan that is in hand already: its steps become the way of the incumbent, so that
 //! windows of it are planned again and branches leave from it, as if it had been found here.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, VecDeque};
 use std::sync::Arc;
 
 use crate::collision::Exemption;
-use crate::geometry::Vec3;
+use crate::geometry::{Pose, Vec3};
 use crate::guidance::{Move, NodeId, Solution, check};
 use crate::kinematics::Config;
 use crate::motion::{ArmGoal, ArmMotion, ArmTask, Departure, StepMotion, StepTask, windows};
@@ -16,8 +16,12 @@ use crate::transition::Line;
 use crate::workcell::{ArmId, SurfaceId};
 
 use super::ground::{held_by, scene};
+use super::map::Map;
 use super::smart::Search;
 use super::tree::{ArmState, Step, Vertex, Whereabouts};
+
+/// Placements as near as this (m) are one.
+const SAME_PLACE: f64 = 1e-3;
 
 /// Times (s) and velocities (rad/s or m/s) below this are none.
 const NOTHING: f64 = 1e-9;
@@ -48,6 +52,9 @@ struct Ends {
     moves: Vec<Move>,
 }
 
+/// The nodes that are still before each object.
+type Ways = Vec<VecDeque<NodeId>>;
+
 impl Search<'_> {
     /// Takes the steps of `plan`, which the judge has accepted for this problem, into the tree as the
     /// way of the incumbent.
@@ -58,6 +65,7 @@ impl Search<'_> {
         let curves: Option<Vec<Curve>> = plan.arms.iter().map(curve_of).collect();
         let curves = curves.ok_or(NotResumed::NoSteps)?;
         let steps = by_step(&plan.actions)?;
+        let mut ways = self.ways(&plan.actions)?;
         let mut vertices = vec![self.tree[0].clone()];
         let mut moves = Vec::with_capacity(steps.len());
         let mut from = 0.0;
@@ -65,9 +73,7 @@ impl Search<'_> {
             let to = actions.first().map_or(from, |action| action.t);
             let parts: Option<Vec<Curve>> = curves.iter().map(|curve| part(curve, from, to)).collect();
             let parts = parts.ok_or(NotResumed::Moving(index + 1))?;
-            let before = &vertices[index];
-            let later = &plan.actions[plan.actions.partition_point(|action| action.step <= index + 1)..];
-            let (vertex, moved) = self.step_of(before, index + 1, actions, later, parts)?;
+            let (vertex, moved) = self.step_of(&vertices[index], index + 1, actions, &mut ways, parts)?;
             moves.push(moved);
             vertices.push(vertex);
             from = to;
@@ -75,6 +81,31 @@ impl Search<'_> {
         self.enter(vertices, moves, control);
         self.set_incumbent(plan.metrics.cost(self.problem.options.objective));
         Ok(())
+    }
+
+    /// The nodes that each object passes, action by action.
+    fn ways(&self, actions: &[Action]) -> Result<Ways, NotResumed> {
+        let start = &self.tree[0].mode;
+        let way = |(object, &start): (usize, &NodeId)| {
+            let own: Vec<&Action> = actions.iter().filter(|action| action.object.0 == object).collect();
+            let mut layers = Vec::with_capacity(own.len());
+            for (index, action) in own.iter().enumerate() {
+                let layer = match action.kind {
+                    ActionKind::Pick { arm, .. } | ActionKind::Handoff { to_arm: arm, .. } => {
+                        arm_nodes(self.map, arm)
+                    }
+                    ActionKind::Place { object_pose, surface, .. } => {
+                        nodes_at(self.map, object, (&object_pose, surface), index + 1 == own.len())
+                    }
+                };
+                if layer.is_empty() {
+                    return Err(NotResumed::Place(action.step));
+                }
+                layers.push(layer);
+            }
+            Ok(thread(self.map, object, start, &layers))
+        };
+        start.iter().enumerate().map(way).collect()
     }
 
     /// Puts the vertices after the first, which is the root, into the tree.
@@ -107,7 +138,7 @@ impl Search<'_> {
         before: &Vertex,
         number: usize,
         actions: &[Action],
-        later: &[Action],
+        ways: &mut Ways,
         curves: Vec<Curve>,
     ) -> Result<(Vertex, Vec<Move>), NotResumed> {
         let count = curves.len();
@@ -125,8 +156,8 @@ impl Search<'_> {
             moves: Vec::new(),
         };
         for action in actions {
-            let stays = later.iter().all(|other| other.object != action.object);
-            self.take(action, stays, number, &mut ends)?;
+            let way = ways.get_mut(action.object.0).and_then(VecDeque::pop_front);
+            self.take(action, way.ok_or(NotResumed::Place(number))?, number, &mut ends)?;
         }
         let Ends { goals, arms, objects, mode, mut moves } = ends;
         moves.sort_unstable();
@@ -178,7 +209,7 @@ impl Search<'_> {
     }
 
     /// One action: the contacts with which the step ends, and how the arms leave them.
-    fn take(&self, action: &Action, stays: bool, number: usize, ends: &mut Ends) -> Result<(), NotResumed> {
+    fn take(&self, action: &Action, to: NodeId, number: usize, ends: &mut Ends) -> Result<(), NotResumed> {
         let object = action.object;
         let model = &self.problem.objects[object.0];
         let touching = Exemption { hand_with: Some(object), held_with: None };
@@ -194,7 +225,7 @@ impl Search<'_> {
             Some(ArmGoal::Contact { q: q.clone(), approach, exemption, after })
         };
         let dwell = |arm: ArmId| self.problem.workcell.arms[arm.0].tool.grasp_time;
-        let to = match action.kind {
+        match action.kind {
             ActionKind::Pick { arm, object_in_tcp, surface } => {
                 let approach = line(arm, Direction::Backwards, model.approach, &ends.arms)?;
                 let retreat = line(arm, Direction::Off(surface), model.retreat, &ends.arms)?;
@@ -205,7 +236,6 @@ impl Search<'_> {
                 state.departure = Some(Departure { line: retreat, exemption });
                 state.dwell = dwell(arm);
                 ends.objects[object.0] = Whereabouts::Held { arm, object_in_tcp };
-                NodeId(self.map.graph().arm_node(arm))
             }
             ActionKind::Place { arm, object_pose, surface, .. } => {
                 let approach = line(arm, Direction::Off(surface), model.approach, &ends.arms)?;
@@ -217,8 +247,6 @@ impl Search<'_> {
                 state.departure = Some(Departure { line: retreat, exemption: touching });
                 state.dwell = dwell(arm);
                 ends.objects[object.0] = Whereabouts::Resting { pose: object_pose, surface };
-                let node = self.map.node_at(object.0, (&object_pose, surface), stays);
-                node.ok_or(NotResumed::Place(number))?
             }
             ActionKind::Handoff { arm, to_arm, to_object_in_tcp, .. } => {
                 let approach = line(to_arm, Direction::Backwards, model.approach, &ends.arms)?;
@@ -233,13 +261,74 @@ impl Search<'_> {
                 receiver.wait_for = Some(arm);
                 receiver.dwell = both;
                 ends.objects[object.0] = Whereabouts::Held { arm: to_arm, object_in_tcp: to_object_in_tcp };
-                NodeId(self.map.graph().arm_node(to_arm))
             }
-        };
+        }
         ends.moves.push(Move { object: object.0, from: ends.mode[object.0], to });
         ends.mode[object.0] = to;
         Ok(())
     }
+}
+
+/// The nodes that stand for an arm.
+fn arm_nodes(map: &Map, arm: ArmId) -> Vec<NodeId> {
+    nodes(map).filter(|&node| map.arm(node) == Some(arm)).collect()
+}
+
+fn nodes(map: &Map) -> impl Iterator<Item = NodeId> {
+    (0..map.network().instance().nodes.len()).map(NodeId)
+}
+
+/// The nodes where `object` stands at a pose on a surface: those of which a placement is the nearest;
+/// of its goals alone where it is to stay.
+fn nodes_at(map: &Map, object: usize, at: (&Pose, SurfaceId), stays: bool) -> Vec<NodeId> {
+    let (pose, surface) = at;
+    let instance = map.network().instance();
+    let distance = |node: NodeId| {
+        let all = map.placements(object, node);
+        let here = all.iter().filter(|(_, on)| *on == surface);
+        let away = here.map(|(place, _)| (place.translation.vector - pose.translation.vector).norm());
+        away.fold(f64::INFINITY, f64::min)
+    };
+    let fits = nodes(map).filter(|&node| leads_to(map, object, None, node));
+    let measured: Vec<(f64, NodeId)> = fits
+        .filter(|&node| !stays || instance.meets_goal(object, node))
+        .map(|node| (distance(node), node))
+        .collect();
+    let least = measured.iter().map(|(away, _)| *away).fold(f64::INFINITY, f64::min);
+    let near = measured.into_iter().filter(|(away, _)| away.is_finite() && *away <= least + SAME_PLACE);
+    near.map(|(_, node)| node).collect()
+}
+
+/// Whether there is an edge for `object` to `to`, from `from` or from anywhere.
+fn leads_to(map: &Map, object: usize, from: Option<NodeId>, to: NodeId) -> bool {
+    let instance = map.network().instance();
+    let class = instance.objects.get(object).map(|object| object.class);
+    instance.edges.iter().any(|edge| {
+        edge.to == to
+            && from.is_none_or(|from| edge.from == from)
+            && edge.class.is_none_or(|only| class == Some(only))
+    })
+}
+
+/// A way of `object` from `start` through one node of each layer, along edges where there are such.
+fn thread(map: &Map, object: usize, start: NodeId, layers: &[Vec<NodeId>]) -> VecDeque<NodeId> {
+    // Backwards: from which nodes the rest of the way can be gone.
+    let mut open: Vec<Vec<NodeId>> = layers.to_vec();
+    for index in (1..open.len()).rev() {
+        let (before, after) = open.split_at_mut(index);
+        let (Some(here), Some(next)) = (before.last_mut(), after.first()) else { break };
+        let goes_on = |&node: &NodeId| next.iter().any(|&to| leads_to(map, object, Some(node), to));
+        if here.iter().any(goes_on) {
+            here.retain(goes_on);
+        }
+    }
+    let mut at = start;
+    let chosen = open.iter().filter_map(|layer| {
+        let on = layer.iter().find(|&&node| leads_to(map, object, Some(at), node));
+        at = *on.or_else(|| layer.first())?;
+        Some(at)
+    });
+    chosen.collect()
 }
 
 /// Where a straight line leads from a contact.
