@@ -80,7 +80,7 @@ pub fn measure(
     problem.options.guidance = guidance;
     problem.options.threads = settings.threads;
     problem.options.stop.first_solution = settings.first_solution;
-    let control = Control { deadline, cancel: cancel.clone() };
+    let control = Control::new(deadline, cancel.clone());
     let outcome = plan_with(&cache, &problem, &control, &mut |event| {
         if let PlannerEvent::Progress { elapsed_s, .. } = event {
             observe(elapsed_s);
@@ -123,7 +123,7 @@ fn acquainted(
     problem.options.threads = settings.threads;
     problem.options.stop.first_solution = true;
     let deadline = Deadline::after(settings.budget.max(LEAST_ACQUAINTANCE));
-    plan_with(&cache, &problem, &Control { deadline, cancel: cancel.clone() }, &mut |_| {});
+    plan_with(&cache, &problem, &Control::new(deadline, cancel.clone()), &mut |_| {});
     Ok(cache)
 }
 

@@ -46,7 +46,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<Answer, CliError> {
     let time_budget = Duration::try_from_secs_f64(problem.options.time_budget_s).unwrap_or(Duration::MAX);
     let cancel = CancelToken::new();
     interrupt::cancels(cancel.clone());
-    let control = Control { deadline: Deadline::resumed(began.elapsed(), time_budget), cancel };
+    let control = Control::new(Deadline::resumed(began.elapsed(), time_budget), cancel);
     let mut screen = Screen::new();
     let outcome = planner::plan(&problem, &control, &mut |event| screen.show(&event));
     screen.clear();

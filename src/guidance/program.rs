@@ -10,6 +10,7 @@ use super::bounds::Reach;
 use super::interruptible::{Limits, solve};
 use super::network::{FAR, Network};
 use super::timetable::Route;
+use crate::run::Part;
 use highs::{Col, HighsModelStatus, RowProblem, Sense};
 use std::collections::BTreeMap;
 
@@ -78,7 +79,8 @@ pub(super) fn decide(
     if model.try_set_option("mip_max_improving_sols", 1).is_err() {
         return Outcome::Limit;
     }
-    let Ok(solved) = solve(model, limits) else {
+    let solved = limits.control.spent.during(Part::IntegerProgram, || solve(model, limits));
+    let Ok(solved) = solved else {
         return Outcome::Limit;
     };
     match solved.status() {

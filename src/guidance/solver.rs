@@ -15,7 +15,7 @@ use super::repair::Repair;
 use super::route::BIAS;
 use super::solution::{Answer, Certificate, Infeasible, Proof, Solution};
 use super::timetable::Route;
-use crate::run::{Control, Seed};
+use crate::run::{Control, Part, Seed};
 
 /// How hard a solver tries. All limits count work, never time, so that the same call gives the
 /// same answer; a [`Control`] only ends it early.
@@ -100,6 +100,19 @@ pub fn solve(
 /// [`solve`]; under cuts the plan `hint` from the same state, where there is one, is changed to
 /// avoid them rather than a new one made.
 pub(super) fn solve_near(
+    network: &Network,
+    state: &[NodeId],
+    cuts: &Cuts,
+    effort: &Effort,
+    seed: Seed,
+    control: &Control,
+    hint: Option<&Solution>,
+) -> Result<Answer, InstanceError> {
+    control.spent.during(Part::Guidance, || solve_timed(network, state, cuts, effort, seed, control, hint))
+}
+
+/// [`solve_near`], for which the clock runs.
+fn solve_timed(
     network: &Network,
     state: &[NodeId],
     cuts: &Cuts,

@@ -23,6 +23,12 @@ pub enum Occurrence {
     Planned {
         /// How long it was at it.
         busy: Duration,
+        /// How much of that went into solving for the guidance, over all threads of the job.
+        guidance: Duration,
+        /// How much of that into the solver of integer programs.
+        programs: Duration,
+        /// How often that one was called.
+        programs_solved: u64,
     },
     /// A job ended.
     Ended {

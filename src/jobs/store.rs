@@ -212,7 +212,8 @@ pub trait JobStore: Send + Sync {
     /// When the store fails.
     fn list(&self, query: &ListQuery) -> Result<Vec<JobRecord>, StoreError>;
 
-    /// Up to `limit` events whose numbers are above `after`, in order. They begin later when those
+    /// Up to `limit` events whose numbers are above `after`, in order: at least one if there is any,
+    /// and fewer than `limit` where their plans are large. They begin later when those
     /// that would come first are kept no longer ([`JobRecord::trimmed`]).
     ///
     /// # Errors

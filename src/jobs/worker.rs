@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 use crate::plan::{Metrics, Plan};
 use crate::planner::{Outcome, PlannerEvent, Termination};
 use crate::problem::{Objective, Problem};
-use crate::run::{CancelToken, Control, Deadline};
+use crate::run::{Control, Deadline, Part};
 
 use super::pool::Shared;
 use super::queue::{Ready, Running, Waiting};
@@ -40,10 +40,17 @@ impl Shared {
             let _span = tracing::info_span!("job", %job).entered();
             let (since, began) = (Timestamp::now(), Instant::now());
             let (lease, ending) = self.attempt(waiting);
-            self.parts.observer.observe(Occurrence::Planned { busy: began.elapsed() });
             // The thread is free before anyone reads that the job has ended. Who has taken the job
             // from us has removed it already.
-            let ours = self.queue().running.remove(&job).is_some();
+            let run = self.queue().running.remove(&job);
+            let ours = run.is_some();
+            let spent = run.map(|run| run.control.spent).unwrap_or_default();
+            self.parts.observer.observe(Occurrence::Planned {
+                busy: began.elapsed(),
+                guidance: spent.time(Part::Guidance),
+                programs: spent.time(Part::IntegerProgram),
+                programs_solved: spent.times(Part::IntegerProgram),
+            });
             match ending {
                 Ending::Ended(reason, diagnosis) => self.end(job, lease, reason, diagnosis),
                 Ending::GivenBack if ours => self.give_back(job, since),
@@ -69,7 +76,7 @@ impl Shared {
                 }
                 Some(waiting) => {
                     // Its budget begins when the problem is at hand.
-                    let control = Control { deadline: Deadline::never(), cancel: CancelToken::new() };
+                    let control = Control::unbounded();
                     let client = waiting.client.clone();
                     let running = Running { control, client, since: now, lease: None, cancelled: false };
                     queue.running.insert(waiting.job, running);

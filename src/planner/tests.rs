@@ -1,12 +1,18 @@
-//! What a cache may and may not change.
+//! What a cache may and may not change, and how a run goes on from a plan of another one.
 
 use std::sync::Arc;
 
-use super::{PlannerCache, PlannerEvent, plan_with};
-use crate::plan::Plan;
+use super::{PlannerCache, PlannerEvent, improve_with, plan_with};
+use crate::collision::CollisionWorld;
+use crate::mode_graph::{ModeGraphOptions, build_mode_graph};
+use crate::motion::first_roadmaps;
+use crate::plan::{ActionKind, Plan};
 use crate::problem::Problem;
-use crate::run::{CancelToken, Control, Deadline};
+use crate::run::{CancelToken, Control, Deadline, Seed};
 use crate::scenario::{Family, generate};
+use crate::search::{Map, NotResumed, Report, Search, Settings};
+use crate::transition::SampledReach;
+use crate::verify::verify;
 use crate::wire::{LibraryOnly, ReadLimits, read_problem_value};
 
 fn random_2x2(seed: u64) -> Problem {
@@ -77,7 +83,7 @@ fn what_was_not_built_to_the_end_is_not_kept() {
     let cancel = CancelToken::new();
     cancel.cancel();
     let cache = PlannerCache::default();
-    cache.get(&random_2x2(1), &Control { deadline: Deadline::never(), cancel });
+    cache.get(&random_2x2(1), &Control::new(Deadline::never(), cancel));
     assert!(cache.is_empty());
 }
 
@@ -93,4 +99,125 @@ fn threads_build_the_same_roadmaps() {
     };
     assert_eq!(vertices(&one), vertices(&two));
     assert!(vertices(&one).iter().all(|roadmap| roadmap.len() > 100));
+}
+
+/// A problem, and the first plan found for it, as it comes back from a client.
+fn with_first_plan(family: Family, arms: usize, objects: usize) -> (Problem, Plan) {
+    let document = generate(family, arms, objects, 1).unwrap();
+    let mut problem = read_problem_value(&document, &LibraryOnly, &ReadLimits::default()).unwrap().problem;
+    problem.options.stop.first_solution = true;
+    let cache = PlannerCache::new(0);
+    let outcome = plan_with(&cache, &problem, &Control::unbounded(), &mut |_| {});
+    let plan = crate::wire::plan::to_json(&problem, &outcome.best.unwrap());
+    let plan = crate::wire::plan::read_plan(plan.as_bytes(), &problem).unwrap();
+    problem.options.stop.first_solution = false;
+    // Another run, with other roadmaps' growth, transitions and places to put things aside.
+    problem.options.seed = 9;
+    (problem, plan)
+}
+
+/// Runs a fresh search for `iterations` from `plan`; whether it went on from it, and its candidates.
+fn resumed(
+    problem: &Problem,
+    plan: &Plan,
+    iterations: usize,
+) -> (Result<(), NotResumed>, Vec<crate::search::Candidate>) {
+    let (control, seed) = (Control::unbounded(), Seed(problem.options.seed));
+    let world = CollisionWorld::new(problem);
+    let (roadmaps, _) = first_roadmaps(&problem.workcell, &world, 1, &control);
+    let mut reach = SampledReach::new(problem, &world, seed);
+    let graph = build_mode_graph(problem, &mut reach, &ModeGraphOptions::planning(), &control);
+    let contacts = reach.into_contacts();
+    let map = Map::new(graph).unwrap();
+    let settings = Settings::default();
+    let mut search = Search::new(problem, &world, &map, contacts, roadmaps, settings, seed, &control);
+    let answer = search.resume(plan, &control);
+    let mut found = Vec::new();
+    for _ in 0..iterations {
+        if let Report::Candidate(candidate) = search.iterate(&control) {
+            search.set_incumbent(candidate.cost(problem.options.objective));
+            found.push(candidate);
+        }
+    }
+    (answer, found)
+}
+
+/// Which objects are taken, put down and handed over, by whom and in which hold, step by step.
+fn doings(actions: &[crate::plan::Action]) -> Vec<(usize, usize, ActionKind)> {
+    actions.iter().map(|action| (action.step, action.object.0, action.kind.clone())).collect()
+}
+
+#[test]
+fn the_search_goes_on_from_a_plan_of_another_run() {
+    let mut kept = 0;
+    for (family, arms, objects) in [
+        (Family::Switch, 2, 2),
+        (Family::SideToSide, 4, 4),
+        (Family::Random, 2, 3),
+        (Family::InPlaceSwap, 1, 2),
+    ] {
+        let (problem, plan) = with_first_plan(family, arms, objects);
+        let (answer, found) = resumed(&problem, &plan, 60);
+        assert_eq!(answer, Ok(()), "{}", family.name());
+        let mut best = plan.metrics.cost(problem.options.objective);
+        for candidate in &found {
+            let cost = candidate.cost(problem.options.objective);
+            assert!(cost < best, "{}: {cost:?} after {best:?}", family.name());
+            best = cost;
+        }
+        // What was changed in one window has the same actions as the plan itself.
+        kept += found.iter().filter(|candidate| doings(&candidate.actions) == doings(&plan.actions)).count();
+        if let Some(last) = found.last() {
+            let metrics = crate::plan::Metrics {
+                duration_s: last.duration,
+                duration_synchronous_s: last.duration,
+                arc_length: last.arc_length,
+                actions: last.actions.len(),
+                steps: last.steps,
+                ..plan.metrics.clone()
+            };
+            let (arms, actions) = (last.trajectories(), last.actions.clone());
+            let verdict = verify(&problem, &Plan { arms, actions, metrics, ..plan.clone() });
+            assert!(verdict.valid, "{}: {:?}", family.name(), verdict.first);
+        }
+    }
+    assert!(kept > 0, "windows of the plans are planned again");
+}
+
+#[test]
+fn what_begins_from_a_plan_is_never_worse() {
+    let (mut problem, plan) = with_first_plan(Family::Switch, 2, 2);
+    problem.options.max_iterations = Some(60);
+    let objective = problem.options.objective;
+    let mut costs = vec![plan.metrics.cost(objective)];
+    let cache = PlannerCache::new(0);
+    let mut observe = |event: PlannerEvent<'_>| {
+        if let PlannerEvent::Incumbent(found) = event {
+            assert_eq!(found.revision, plan.revision + costs.len() as u64);
+            costs.push(found.metrics.cost(objective));
+        }
+    };
+    let outcome = improve_with(&cache, &problem, &plan, &Control::unbounded(), &mut observe);
+    assert!(costs.len() > 1, "sixty iterations make it better");
+    assert!(costs.windows(2).all(|pair| pair[1] < pair[0]), "{costs:?}");
+    assert_eq!(outcome.best.map(|best| best.metrics.cost(objective)).as_ref(), costs.last());
+    // With nothing left to spend the plan is what comes out.
+    problem.options.max_iterations = Some(0);
+    let outcome = improve_with(&cache, &problem, &plan, &Control::unbounded(), &mut |_| {});
+    assert_eq!(outcome.best.as_ref(), Some(&plan));
+}
+
+#[test]
+fn a_plan_without_rests_between_its_steps_is_a_bound_alone() {
+    let (problem, mut plan) = with_first_plan(Family::Switch, 2, 2);
+    let first = plan.actions[0].t;
+    for action in plan.actions.iter_mut().filter(|action| action.step == 1) {
+        action.t = first + 0.2;
+    }
+    let (answer, found) = resumed(&problem, &plan, 3);
+    assert_eq!(answer, Err(NotResumed::Moving(1)));
+    // The tree was left as it was: the search begins anew.
+    assert!(found.iter().all(|candidate| !candidate.actions.is_empty()));
+    plan.actions.clear();
+    assert_eq!(resumed(&problem, &plan, 0).0, Err(NotResumed::NoSteps));
 }

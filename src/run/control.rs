@@ -4,6 +4,8 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
+use super::Spent;
+
 /// A point in time after which a run must end, and the clock that started with the run.
 #[derive(Debug, Clone, Copy)]
 pub struct Deadline {
@@ -74,17 +76,24 @@ pub struct Control {
     pub deadline: Deadline,
     /// Who may end it earlier.
     pub cancel: CancelToken,
+    /// Where its time goes.
+    pub spent: Spent,
 }
 
 impl Control {
+    /// A run that ends at `deadline`, or when `cancel` is raised.
+    pub fn new(deadline: Deadline, cancel: CancelToken) -> Self {
+        Self { deadline, cancel, spent: Spent::default() }
+    }
+
     /// A run of at most `budget` from now on.
     pub fn with_budget(budget: Duration) -> Self {
-        Self { deadline: Deadline::after(budget), cancel: CancelToken::new() }
+        Self::new(Deadline::after(budget), CancelToken::new())
     }
 
     /// A run that ends only by itself or by cancellation.
     pub fn unbounded() -> Self {
-        Self { deadline: Deadline::never(), cancel: CancelToken::new() }
+        Self::new(Deadline::never(), CancelToken::new())
     }
 
     /// Whether the run must stop now.

@@ -1,9 +1,12 @@
-//! What a run is given from outside: its deadline, its cancellation, its seed.
+//! What a run is given from outside: its deadline, its cancellation, its seed, and a place to say where
+//! its time went.
 //!
 //! The only room of the core that may look at a clock.
 
 mod control;
 mod seed;
+mod spent;
 
 pub use control::{CancelToken, Control, Deadline};
 pub use seed::{Rng, Seed};
+pub use spent::{Part, Spent};

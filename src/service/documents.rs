@@ -1,6 +1,7 @@
 //! Jobs and events as JSON (FORMAT "Events" and "Job").
 
 use std::collections::BTreeMap;
+use std::sync::Arc;
 
 use serde::Serialize;
 
@@ -120,9 +121,19 @@ enum BodyDocument<'a> {
     },
 }
 
-/// An event as one line of JSON, without the line's end. Plans larger than `inline_limit` bytes
-/// are referred to by `href`.
-pub fn event_line(delivery: &Delivery, inline_limit: usize) -> String {
+/// An event as one line of JSON, without the line's end.
+#[derive(Debug)]
+pub struct EventLine {
+    /// All but the plan and what comes after it.
+    pub head: String,
+    /// The plan, a JSON text that all readers share.
+    pub plan: Option<Arc<str>>,
+    /// The rest.
+    pub tail: &'static str,
+}
+
+/// An event as a line. Plans larger than `inline_limit` bytes are referred to by `href`.
+pub fn event_line(delivery: &Delivery, inline_limit: usize) -> EventLine {
     let event = &*delivery.event;
     let mut inline = None;
     let body = match &event.body {
@@ -136,7 +147,7 @@ pub fn event_line(delivery: &Delivery, inline_limit: usize) -> String {
         },
         EventBody::Incumbent(incumbent) => {
             let fits = incumbent.document.len() <= inline_limit;
-            inline = fits.then_some(&incumbent.document);
+            inline = fits.then(|| Arc::clone(&incumbent.document));
             let href = format!("/v1/jobs/{}/solutions/{}", event.job, incumbent.revision);
             BodyDocument::Incumbent {
                 revision: incumbent.revision,
@@ -164,17 +175,13 @@ pub fn event_line(delivery: &Delivery, inline_limit: usize) -> String {
         at: event.at.to_string(),
         body,
     };
-    let mut line = serde_json::to_string(&document).unwrap_or_default();
+    let mut head = serde_json::to_string(&document).unwrap_or_default();
     // The plan is a JSON text already: it goes in as it is, before the closing brace.
-    if let Some(plan) = inline
-        && line.pop().is_some()
-    {
-        line.reserve(plan.len() + 10);
-        line.push_str(",\"plan\":");
-        line.push_str(plan);
-        line.push('}');
+    if inline.is_some() && head.pop().is_some() {
+        head.push_str(",\"plan\":");
+        return EventLine { head, plan: inline, tail: "}" };
     }
-    line
+    EventLine { head, plan: None, tail: "" }
 }
 
 /// A plan of a job without the plan itself.

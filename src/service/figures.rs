@@ -24,6 +24,9 @@ pub struct Figures {
     store_failures: Counter,
     incumbents: Counter,
     busy: Histogram,
+    guidance: Histogram,
+    programs: Histogram,
+    programs_solved: Counter,
     waited: Histogram,
     first_plan: Histogram,
     duration: Histogram,
@@ -71,10 +74,16 @@ impl Figures {
             panics: counter("quadrille_panics_total", "Panics that were caught"),
             store_failures: counter("quadrille_store_failures_total", "Events that the store failed to keep"),
             incumbents: counter("quadrille_incumbents_total", "Plans that were published"),
-            busy: histogram(
-                "quadrille_planner_busy_seconds",
-                "Time of planner threads per attempt, solver included",
+            busy: histogram("quadrille_planner_busy_seconds", "Time of planner threads per attempt"),
+            guidance: histogram(
+                "quadrille_guidance_seconds",
+                "Time in it for solving on the mode graph, by all means, over all threads of the job",
             ),
+            programs: histogram(
+                "quadrille_solver_seconds",
+                "Time in it for integer programs (the HiGHS solver), over all threads of the job",
+            ),
+            programs_solved: counter("quadrille_solver_calls_total", "Integer programs given to HiGHS"),
             waited: histogram("quadrille_job_wait_seconds", "Time from acceptance to the first start"),
             first_plan: histogram("quadrille_first_plan_seconds", "Time from acceptance to the first plan"),
             duration: histogram("quadrille_job_duration_seconds", "Time from acceptance to the end"),
@@ -134,7 +143,12 @@ impl Observer for Figures {
                     self.first_plan.record(after.as_secs_f64());
                 }
             }
-            Occurrence::Planned { busy } => self.busy.record(busy.as_secs_f64()),
+            Occurrence::Planned { busy, guidance, programs, programs_solved } => {
+                self.busy.record(busy.as_secs_f64());
+                self.guidance.record(guidance.as_secs_f64());
+                self.programs.record(programs.as_secs_f64());
+                self.programs_solved.increment(programs_solved);
+            }
             Occurrence::Ended { reason, after } => {
                 self.ended(reason);
                 self.duration.record(after.as_secs_f64());
@@ -168,12 +182,19 @@ mod tests {
         figures.observe(Occurrence::Incumbent { first_after: Some(Duration::from_millis(20)) });
         let reason = TerminationReason::TimeLimit;
         figures.observe(Occurrence::Ended { reason, after: Duration::from_secs(3) });
+        let (busy, guidance) = (Duration::from_secs(2), Duration::from_millis(400));
+        let programs = Duration::from_millis(30);
+        figures.observe(Occurrence::Planned { busy, guidance, programs, programs_solved: 2 });
         figures.refused("queue_full");
         figures.panicked();
         let text = figures.render(Load { workers: 3, running: 2, waiting: 1 }, 7);
         for line in [
             "quadrille_jobs_accepted_total 1",
             "quadrille_incumbents_total 1",
+            "quadrille_planner_busy_seconds_sum 2",
+            "quadrille_guidance_seconds_sum 0.4",
+            "quadrille_solver_seconds_sum 0.03",
+            "quadrille_solver_calls_total 2",
             "quadrille_first_plan_seconds_bucket{le=\"0.025\"} 1",
             "quadrille_first_plan_seconds_bucket{le=\"0.01\"} 0",
             "quadrille_jobs_ended_total{state=\"SUCCEEDED\",reason=\"TIME_LIMIT\"} 1",

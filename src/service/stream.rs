@@ -9,7 +9,7 @@ use futures::StreamExt;
 
 use super::App;
 use super::client::StreamPermit;
-use super::documents::event_line;
+use super::documents::{EventLine, event_line};
 use super::negotiation::StreamFormat;
 use crate::jobs::{Delivery, JobId, Subscription};
 
@@ -63,7 +63,9 @@ pub fn event_body(
                 delivery = subscription.next() => {
                     let Some(delivery) = delivery else { break };
                     keep_alive.reset();
-                    yield Ok::<Bytes, Infallible>(written(&delivery, format, app.config.inline_plan_bytes));
+                    for piece in written(&delivery, format, app.config.inline_plan_bytes) {
+                        yield Ok::<Bytes, Infallible>(piece);
+                    }
                 }
                 () = app.shutdown.cancelled() => {
                     if format == StreamFormat::Sse {
@@ -81,18 +83,36 @@ pub fn event_body(
     Body::from_stream(stream)
 }
 
-fn written(delivery: &Delivery, format: StreamFormat, inline_limit: usize) -> Bytes {
-    let mut line = event_line(delivery, inline_limit);
-    match format {
-        StreamFormat::Ndjson => {
-            line.push('\n');
-            Bytes::from(line)
-        }
+/// A plan's text as bytes that all readers share.
+struct PlanText(Arc<str>);
+
+impl AsRef<[u8]> for PlanText {
+    fn as_ref(&self) -> &[u8] {
+        self.0.as_bytes()
+    }
+}
+
+/// An event as it is sent, piece after piece: a plan is not copied for each reader.
+fn written(delivery: &Delivery, format: StreamFormat, inline_limit: usize) -> Vec<Bytes> {
+    let EventLine { mut head, plan, tail } = event_line(delivery, inline_limit);
+    let end = match format {
+        StreamFormat::Ndjson => "\n",
         StreamFormat::Sse => {
             let event = &delivery.event;
             let kind = event.body.kind();
             let id = if event.body.is_resumable() { format!("id: {}\n", event.seq) } else { String::new() };
-            Bytes::from(format!("{id}event: {kind}\ndata: {line}\n\n"))
+            head.insert_str(0, &format!("{id}event: {kind}\ndata: "));
+            "\n\n"
+        }
+    };
+    match plan {
+        Some(plan) => {
+            vec![Bytes::from(head), Bytes::from_owner(PlanText(plan)), Bytes::from([tail, end].concat())]
+        }
+        None => {
+            head.push_str(tail);
+            head.push_str(end);
+            vec![Bytes::from(head)]
         }
     }
 }

@@ -84,13 +84,28 @@ async fn a_full_service_refuses_and_goes_on() {
     let span = if soak() { Duration::from_secs(50) } else { Duration::from_secs(2) };
     let before = iterations_per_second(&client, &url, &running, span).await;
 
-    let open = (0..streams).map(|_| client.get(format!("{url}{running}/events")).send());
-    let held = futures::future::join_all(open).await;
-    assert!(held.iter().all(|reply| reply.as_ref().is_ok_and(|reply| reply.status() == 200)));
-    let readers: Vec<_> = held
-        .into_iter()
-        .map(|reply| tokio::spawn(async move { reply.unwrap().bytes_stream().for_each(|_| async {}).await }))
+    // Every reader first gets all that has happened; the load begins when all are up to date.
+    let (told, mut caught_up) = tokio::sync::mpsc::unbounded_channel();
+    let readers: Vec<_> = (0..streams)
+        .map(|_| {
+            let request = client.get(format!("{url}{running}/events"));
+            let told = told.clone();
+            tokio::spawn(async move {
+                let reply = request.send().await.unwrap();
+                assert_eq!(reply.status(), 200);
+                let (mut stream, mut up_to_date) = (reply.bytes_stream(), false);
+                while let Some(Ok(chunk)) = stream.next().await {
+                    let progress = chunk.windows(16).any(|text| text == b"\"type\":\"progress");
+                    if progress && !std::mem::replace(&mut up_to_date, true) {
+                        told.send(()).unwrap();
+                    }
+                }
+            })
+        })
         .collect();
+    for _ in 0..streams {
+        caught_up.recv().await.unwrap();
+    }
     let memory = process.memory();
     let meanwhile = {
         let (client, url, running) = (client.clone(), url.clone(), running.clone());

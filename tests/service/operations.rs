@@ -35,6 +35,8 @@ async fn figures_tell_what_happens() {
         ("quadrille_first_plan_seconds_count", 3.0),
         ("quadrille_job_duration_seconds_count", 3.0),
         ("quadrille_planner_busy_seconds_count", 3.0),
+        ("quadrille_guidance_seconds_count", 3.0),
+        ("quadrille_solver_seconds_count", 3.0),
         ("quadrille_panics_total", 1.0),
         ("quadrille_streams_open", 1.0),
         ("quadrille_jobs_ended_total{state=\"SUCCEEDED\",reason=\"TIME_LIMIT\"}", 1.0),

@@ -9,6 +9,7 @@
 //! that has it open, so leases that an earlier process left behind are void.
 
 mod codec;
+mod loaned;
 mod tables;
 
 use std::collections::{BTreeMap, VecDeque};
@@ -22,6 +23,7 @@ use redb::{Database, ReadTransaction, ReadableDatabase, ReadableTable, WriteTran
 use self::codec::{
     Kept, decode_event, decode_record, decode_request, encode_event, encode_record, encode_request,
 };
+use self::loaned::Loaned;
 use self::tables::{EVENTS, KEYS, LEASES, PLANS, PROBLEMS, RECORDS, REQUESTS, broken};
 use super::{
     Event, EventBody, Incumbent, JobId, JobRecord, JobRequest, JobState, JobStore, Lease, ListQuery, NewJob,
@@ -35,6 +37,8 @@ const CACHE: usize = 64 << 20;
 /// Most events of one job that are kept at hand, and most bytes of their plans.
 const TAIL_EVENTS: usize = 64;
 const TAIL_BYTES: usize = 4 << 20;
+/// Bytes of plans after which no more events are read from the file at once.
+const READ_BYTES: usize = 1 << 20;
 
 /// How much the store remembers. Jobs that have not ended are always kept.
 #[derive(Debug, Clone, Copy)]
@@ -71,6 +75,7 @@ pub struct EmbeddedStore {
     writing: Mutex<()>,
     /// What is in memory. Never held over a commit, so that readers do not wait for the disk.
     inner: Mutex<Inner>,
+    loaned: Loaned,
 }
 
 #[derive(Default)]
@@ -162,6 +167,7 @@ impl EmbeddedStore {
             retention,
             writing: Mutex::default(),
             inner: Mutex::new(inner),
+            loaned: Loaned::default(),
         })
     }
 
@@ -541,15 +547,21 @@ impl EmbeddedStore {
         let table = read.open_table(EVENTS).map_err(broken)?;
         let plans = read.open_table(PLANS).map_err(broken)?;
         let range = (id, after.saturating_add(1))..=(id, u64::MAX);
-        let mut events = Vec::new();
+        let (mut events, mut bytes) = (Vec::new(), 0);
         for entry in table.range(range).map_err(broken)?.take(limit) {
+            if bytes > READ_BYTES {
+                break;
+            }
             let (key, value) = entry.map_err(broken)?;
             let plan = |revision| {
                 let plan = plans.get((id, revision)).map_err(broken)?;
                 let plan = plan.ok_or_else(|| StoreError::Broken(format!("no plan {revision}")))?;
                 text(plan.value())
             };
-            events.push(Arc::new(decode_event(job, key.value().1, value.value(), plan)?));
+            let seq = key.value().1;
+            let event = self.loaned.get(job, seq, || decode_event(job, seq, value.value(), plan))?;
+            bytes += document_bytes(&event);
+            events.push(event);
         }
         Ok(events)
     }

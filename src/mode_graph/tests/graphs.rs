@@ -260,7 +260,7 @@ fn a_stopped_build_is_valid_and_says_so() {
     let mut reach = PlainReach::new(&problem);
     let cancel = CancelToken::new();
     cancel.cancel();
-    let control = Control { deadline: Deadline::never(), cancel };
+    let control = Control::new(Deadline::never(), cancel);
     let graph = build_mode_graph(&problem, &mut reach, &ModeGraphOptions::default(), &control);
     assert!(!graph.complete);
     Instance::from(&graph).validate().unwrap();
