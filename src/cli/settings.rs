@@ -80,6 +80,8 @@ settings! {
     keep_alive: Span = "QUADRILLE_KEEP_ALIVE";
     /// Most bytes of a body [default: 16777216]
     max_body_bytes: usize = "QUADRILLE_MAX_BODY_BYTES";
+    /// Most bytes of bodies that are being received or worked on [default: 536870912]
+    bodies_bytes: usize = "QUADRILLE_BODIES_BYTES";
     /// Deepest nesting of JSON [default: 64]
     max_json_depth: usize = "QUADRILLE_MAX_JSON_DEPTH";
     /// Most arms of a workcell [default: 32]
@@ -185,6 +187,7 @@ impl Settings {
             return Err(SettingsError::Nonsense("default-time-budget", why));
         }
         read.default_time_budget_s = usual.unwrap_or(read.default_time_budget_s).min(longest);
+        set(&mut config.bodies_bytes, self.bodies_bytes);
         set(&mut config.inline_plan_bytes, self.inline_plan_bytes);
         set(&mut config.validations, self.validations);
         set(&mut config.workcells, self.workcells);
@@ -253,5 +256,6 @@ mod tests {
             crate::wire::ReadLimits { max_threads: given.read_limits.max_threads, ..usual.read_limits }
         );
         assert_eq!(given.streams, usual.streams);
+        assert_eq!(given.bodies_bytes, usual.bodies_bytes);
     }
 }

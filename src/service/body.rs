@@ -1,11 +1,13 @@
 //! Reading request bodies, bounded in size and time.
 
+use std::sync::Arc;
 use std::time::Duration;
 
 use axum::body::Body;
 use axum::http::{HeaderMap, header};
 use bytes::{Bytes, BytesMut};
 use futures::StreamExt;
+use tokio::sync::{OwnedSemaphorePermit, Semaphore};
 
 use super::ApiError;
 use super::negotiation::expect_json;
@@ -16,24 +18,75 @@ const PATIENCE: Duration = Duration::from_secs(60);
 /// and reads later sees the answer instead of a broken connection.
 const DISCARDED: usize = 128 << 20;
 
+/// What memory for bodies is counted in (bytes).
+const UNIT: usize = 16 << 10;
+/// When a client that found no room for its body may come back (s).
+const RETRY_AFTER_S: u64 = 2;
+
+/// Memory for all bodies that are being received, or wait for their turn, or are worked on.
+#[derive(Debug, Clone)]
+pub struct BodyRoom(Arc<Semaphore>);
+
+impl BodyRoom {
+    /// Room for `bytes` in all, at least one unit.
+    pub fn new(bytes: usize) -> Self {
+        let units = (bytes / UNIT).clamp(1, Semaphore::MAX_PERMITS.min(u32::MAX as usize));
+        Self(Arc::new(Semaphore::new(units)))
+    }
+
+    /// Room for `more` units, beside what `held` has.
+    fn take(&self, more: usize, held: &mut Option<OwnedSemaphorePermit>) -> Result<(), ApiError> {
+        let full = ApiError::TooManyBodies { retry_after_s: RETRY_AFTER_S };
+        let Ok(units) = u32::try_from(more) else { return Err(full) };
+        let permit = Arc::clone(&self.0).try_acquire_many_owned(units).map_err(|_| full)?;
+        match held {
+            Some(held) => held.merge(permit),
+            None => *held = Some(permit),
+        }
+        Ok(())
+    }
+}
+
+/// A body with its room, which is free again when the last of its bytes is gone.
+struct Received {
+    bytes: BytesMut,
+    _room: Option<OwnedSemaphorePermit>,
+}
+
+impl AsRef<[u8]> for Received {
+    fn as_ref(&self) -> &[u8] {
+        &self.bytes
+    }
+}
+
 /// Reads a JSON body of at most `limit` bytes.
 ///
 /// # Errors
-/// When it says that it is something else, is larger, too slow, or breaks off.
-pub async fn read_json(headers: &HeaderMap, body: Body, limit: usize) -> Result<Bytes, ApiError> {
+/// When it says that it is something else, is larger, too slow, finds no room, or breaks off.
+pub async fn read_json(
+    room: &BodyRoom,
+    headers: &HeaderMap,
+    body: Body,
+    limit: usize,
+) -> Result<Bytes, ApiError> {
     expect_json(headers)?;
-    read(headers, body, limit).await
+    read(room, headers, body, limit).await
 }
 
 /// Reads the body of a bundle, whose kind has been checked, of at most `limit` bytes.
 ///
 /// # Errors
-/// When it is larger, too slow, or breaks off.
-pub async fn read_bundle(headers: &HeaderMap, body: Body, limit: usize) -> Result<Bytes, ApiError> {
-    read(headers, body, limit).await
+/// When it is larger, too slow, finds no room, or breaks off.
+pub async fn read_bundle(
+    room: &BodyRoom,
+    headers: &HeaderMap,
+    body: Body,
+    limit: usize,
+) -> Result<Bytes, ApiError> {
+    read(room, headers, body, limit).await
 }
 
-async fn read(headers: &HeaderMap, body: Body, limit: usize) -> Result<Bytes, ApiError> {
+async fn read(room: &BodyRoom, headers: &HeaderMap, body: Body, limit: usize) -> Result<Bytes, ApiError> {
     let announced =
         headers.get(header::CONTENT_LENGTH).and_then(|value| value.to_str().ok()?.parse::<usize>().ok());
     let too_large = announced.is_some_and(|length| length > limit);
@@ -43,14 +96,14 @@ async fn read(headers: &HeaderMap, body: Body, limit: usize) -> Result<Bytes, Ap
         // The client waits for our word before it sends, or sends more than we care to read.
         return Err(ApiError::TooLarge { limit });
     }
-    tokio::time::timeout(PATIENCE, collect(body, limit, announced.unwrap_or(0)))
+    tokio::time::timeout(PATIENCE, collect(room, body, limit))
         .await
         .map_err(|_| ApiError::BodyTimeout { seconds: PATIENCE.as_secs() })?
 }
 
-async fn collect(body: Body, limit: usize, announced: usize) -> Result<Bytes, ApiError> {
+async fn collect(room: &BodyRoom, body: Body, limit: usize) -> Result<Bytes, ApiError> {
     let mut chunks = body.into_data_stream();
-    let mut collected = BytesMut::with_capacity(announced.min(limit).min(1 << 20));
+    let (mut bytes, mut held, mut units) = (BytesMut::new(), None, 0);
     let mut read = 0_usize;
     while let Some(chunk) = chunks.next().await {
         let chunk = chunk.map_err(|_| ApiError::BodyBroken)?;
@@ -59,10 +112,42 @@ async fn collect(body: Body, limit: usize, announced: usize) -> Result<Bytes, Ap
             break;
         }
         if read > limit {
-            collected = BytesMut::new();
-        } else {
-            collected.extend_from_slice(&chunk);
+            (bytes, held, units) = (BytesMut::new(), None, 0);
+            continue;
         }
+        let wanted = read.div_ceil(UNIT);
+        if wanted > units {
+            room.take(wanted - units, &mut held)?;
+            units = wanted;
+        }
+        bytes.extend_from_slice(&chunk);
     }
-    if read > limit { Err(ApiError::TooLarge { limit }) } else { Ok(collected.freeze()) }
+    if read > limit {
+        return Err(ApiError::TooLarge { limit });
+    }
+    Ok(Bytes::from_owner(Received { bytes, _room: held }))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[tokio::test]
+    async fn bodies_share_their_room_and_give_it_back() {
+        let room = BodyRoom::new(4 * UNIT);
+        let (headers, limit) = (HeaderMap::new(), 100 * UNIT);
+        let receive = |units: usize| read(&room, &headers, Body::from(vec![b' '; units * UNIT]), limit);
+        let first = receive(3).await.unwrap();
+        assert_eq!(first.len(), 3 * UNIT);
+        assert!(matches!(receive(2).await, Err(ApiError::TooManyBodies { .. })));
+        let second = receive(1).await.unwrap();
+        // What is cut out of a body keeps its room.
+        let part = first.slice(..5);
+        drop(first);
+        assert!(matches!(receive(1).await, Err(ApiError::TooManyBodies { .. })));
+        drop((part, second));
+        assert!(receive(4).await.is_ok());
+        assert!(matches!(receive(101).await, Err(ApiError::TooLarge { .. })));
+        assert!(receive(4).await.is_ok(), "what was too large has left nothing behind");
+    }
 }

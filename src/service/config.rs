@@ -20,6 +20,8 @@ pub struct ServiceConfig {
     pub retention: Retention,
     /// Bounds on problems; its `max_bytes` bounds every body.
     pub read_limits: ReadLimits,
+    /// Most bytes of bodies that are being received or worked on.
+    pub bodies_bytes: usize,
     /// Largest plan (bytes) that events carry inline.
     pub inline_plan_bytes: usize,
     /// Most problems that are validated at once.
@@ -53,6 +55,7 @@ impl Default for ServiceConfig {
             jobs: JobsConfig { client_limit: jobs.queue_limit, ..jobs },
             retention: Retention::default(),
             read_limits: ReadLimits { max_threads: most_threads, ..ReadLimits::default() },
+            bodies_bytes: 512 << 20,
             inline_plan_bytes: 1 << 20,
             validations: processors,
             streams: 2048,

@@ -109,6 +109,12 @@ pub enum ApiError {
     /// The queue takes no more, or no more of this client.
     #[error("no room: {0}")]
     QueueFull(QueueRefusal, u64),
+    /// There is no memory for another body now.
+    #[error("too much is being sent or worked on at once")]
+    TooManyBodies {
+        /// When to come back.
+        retry_after_s: u64,
+    },
     /// The service is not up, or about to end.
     #[error("the service is not ready")]
     Unavailable,
@@ -146,7 +152,7 @@ impl ProblemDocument {
 
 impl ApiError {
     /// Every code that a refusal may have.
-    pub const CODES: [&'static str; 22] = [
+    pub const CODES: [&'static str; 23] = [
         "invalid_json",
         "invalid_problem",
         "goal_unreachable",
@@ -163,6 +169,7 @@ impl ApiError {
         "too_many_jobs",
         "queue_full",
         "too_many_streams",
+        "too_many_bodies",
         "bad_bundle",
         "idempotency_mismatch",
         "job_not_ended",
@@ -224,6 +231,9 @@ impl ApiError {
             E::TooManyStreams { .. } => {
                 (StatusCode::TOO_MANY_REQUESTS, "too_many_streams", "Too many open streams")
             }
+            E::TooManyBodies { .. } => {
+                (StatusCode::TOO_MANY_REQUESTS, "too_many_bodies", "Too many bodies at once")
+            }
             E::BadBundle(_) => (StatusCode::UNPROCESSABLE_ENTITY, "bad_bundle", "The bundle cannot be used"),
             E::KeyTaken | E::KeyHeld(..) => (
                 StatusCode::UNPROCESSABLE_ENTITY,
@@ -257,9 +267,11 @@ impl ApiError {
             | E::BodyBroken => tonic::Code::InvalidArgument,
             E::KeyTaken | E::KeyHeld(..) => tonic::Code::AlreadyExists,
             E::NotEnded(_) => tonic::Code::FailedPrecondition,
-            E::TooLarge { .. } | E::QueueFull(..) | E::TooManyStreams { .. } | E::WorkcellsFull { .. } => {
-                tonic::Code::ResourceExhausted
-            }
+            E::TooLarge { .. }
+            | E::QueueFull(..)
+            | E::TooManyStreams { .. }
+            | E::TooManyBodies { .. }
+            | E::WorkcellsFull { .. } => tonic::Code::ResourceExhausted,
             E::BodyTimeout { .. } => tonic::Code::DeadlineExceeded,
             E::NotFound { .. } | E::NoSolution => tonic::Code::NotFound,
             E::MethodNotAllowed => tonic::Code::Unimplemented,
@@ -285,6 +297,7 @@ impl ApiError {
             self,
             ApiError::QueueFull(..)
                 | ApiError::TooManyStreams { .. }
+                | ApiError::TooManyBodies { .. }
                 | ApiError::Unavailable
                 | ApiError::BodyTimeout { .. }
                 | ApiError::BodyBroken
@@ -303,7 +316,9 @@ impl ApiError {
     fn retry_after_s(&self) -> Option<u64> {
         match self {
             ApiError::QueueFull(_, seconds) => Some(*seconds),
-            ApiError::TooManyStreams { retry_after_s, .. } => Some(*retry_after_s),
+            ApiError::TooManyStreams { retry_after_s, .. } | ApiError::TooManyBodies { retry_after_s } => {
+                Some(*retry_after_s)
+            }
             ApiError::Unavailable => Some(5),
             _ => None,
         }

@@ -12,7 +12,7 @@ use super::client::Client;
 use super::workcells::{Bundle, Workcells};
 use super::{ApiError, App};
 use crate::jobs::{Idempotency, JobRecord, JobRequest, ProblemReader, StoreError, Submission};
-use crate::plan::Plan;
+use crate::plan::{Metrics, Plan, StepsProof};
 use crate::problem::Problem;
 use crate::wire::{
     self, Fault, FaultCode, JobFields, LibraryOnly, ReadLimits, ReadProblem, Resources, read_job,
@@ -126,7 +126,15 @@ fn read_warm_start(plan: &Value, problem: &Problem) -> Result<Plan, ApiError> {
     let plan = wire::plan::read_plan_value(plan, problem).map_err(refuse)?;
     let verdict = crate::verify::verify(problem, &plan);
     if verdict.valid {
-        return Ok(Plan { revision: 1, verification: Some(verdict.verification()), ..plan });
+        // What the plan says of all plans is not taken from a stranger: nothing is proved yet.
+        let metrics = Metrics {
+            mode_graph_optimum: None,
+            steps_lower_bound: 0,
+            steps_proof: StepsProof::None,
+            found_after_s: 0.0,
+            ..plan.metrics
+        };
+        return Ok(Plan { revision: 1, metrics, verification: Some(verdict.verification()), ..plan });
     }
     let why = verdict.first.map(|violation| violation.message).unwrap_or_default();
     let message = format!("a plan to begin from must be valid for the problem: {why}");

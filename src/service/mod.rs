@@ -38,6 +38,7 @@ use tokio::net::TcpListener;
 use tokio::sync::Semaphore;
 use tokio_util::sync::CancellationToken;
 
+use self::body::BodyRoom;
 use self::client::{Client, StreamPermit, Streams};
 use self::figures::Figures;
 use self::intake::{KeyLocks, Reader};
@@ -60,6 +61,7 @@ pub(crate) struct App {
     streams: Arc<Streams>,
     figures: Arc<Figures>,
     validations: Arc<Semaphore>,
+    bodies: BodyRoom,
     shutdown: CancellationToken,
     /// Set once the service is up, and never reset: `/readyz` fails again only at shutdown.
     ready: AtomicBool,
@@ -156,6 +158,7 @@ async fn start(
         keys: KeyLocks::default(),
         streams: Arc::default(),
         figures,
+        bodies: BodyRoom::new(config.bodies_bytes),
         validations: Arc::new(Semaphore::new(config.validations.max(1))),
         shutdown,
         ready: AtomicBool::new(false),

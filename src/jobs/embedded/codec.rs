@@ -10,60 +10,7 @@ use crate::jobs::{
     Best, Event, EventBody, Idempotency, Incumbent, JobId, JobRecord, JobRequest, JobState, RetryCause,
     Retrying, StoreError, Terminal, TerminationReason, Timestamp,
 };
-use crate::plan::{Metrics, StepsProof};
-
-#[derive(Serialize, Deserialize)]
-struct StoredMetrics {
-    duration_s: f64,
-    duration_synchronous_s: f64,
-    arc_length: f64,
-    actions: usize,
-    steps: usize,
-    mode_graph_optimum: Option<usize>,
-    steps_lower_bound: usize,
-    steps_proof: u8,
-    found_after_s: f64,
-}
-
-impl From<&Metrics> for StoredMetrics {
-    fn from(metrics: &Metrics) -> Self {
-        Self {
-            duration_s: metrics.duration_s,
-            duration_synchronous_s: metrics.duration_synchronous_s,
-            arc_length: metrics.arc_length,
-            actions: metrics.actions,
-            steps: metrics.steps,
-            mode_graph_optimum: metrics.mode_graph_optimum,
-            steps_lower_bound: metrics.steps_lower_bound,
-            steps_proof: match metrics.steps_proof {
-                StepsProof::None => 0,
-                StepsProof::Bounds => 1,
-                StepsProof::Ilp => 2,
-            },
-            found_after_s: metrics.found_after_s,
-        }
-    }
-}
-
-impl From<StoredMetrics> for Metrics {
-    fn from(stored: StoredMetrics) -> Self {
-        Self {
-            duration_s: stored.duration_s,
-            duration_synchronous_s: stored.duration_synchronous_s,
-            arc_length: stored.arc_length,
-            actions: stored.actions,
-            steps: stored.steps,
-            mode_graph_optimum: stored.mode_graph_optimum,
-            steps_lower_bound: stored.steps_lower_bound,
-            steps_proof: match stored.steps_proof {
-                1 => StepsProof::Bounds,
-                2 => StepsProof::Ilp,
-                _ => StepsProof::None,
-            },
-            found_after_s: stored.found_after_s,
-        }
-    }
-}
+use crate::wire::plan::MetricsDocument;
 
 /// A record, and what the store itself needs to know of a job.
 #[derive(Debug, Clone)]
@@ -90,7 +37,7 @@ struct StoredRecord {
     queued_at: Option<u64>,
     started_at: Option<u64>,
     finished_at: Option<u64>,
-    best: Option<(u64, StoredMetrics)>,
+    best: Option<(u64, MetricsDocument)>,
     diagnosis: Option<String>,
     last_seq: u64,
     trimmed: u64,
@@ -122,7 +69,7 @@ pub(super) fn encode_record(kept: &Kept) -> Vec<u8> {
         queued_at: record.queued_at.map(Timestamp::unix_millis),
         started_at: record.started_at.map(Timestamp::unix_millis),
         finished_at: record.finished_at.map(Timestamp::unix_millis),
-        best: record.best.as_ref().map(|best| (best.revision, StoredMetrics::from(&best.metrics))),
+        best: record.best.as_ref().map(|best| (best.revision, MetricsDocument::from(&best.metrics))),
         diagnosis: record.diagnosis.clone(),
         last_seq: record.last_seq,
         trimmed: record.trimmed,
@@ -175,9 +122,9 @@ struct StoredEvent {
 enum StoredBody {
     Queued { position: usize },
     Started,
-    Incumbent { revision: u64, metrics: StoredMetrics },
+    Incumbent { revision: u64, metrics: MetricsDocument },
     Retrying { attempt: u32, shutdown: bool, spent_ms: u64 },
-    Terminal { reason: String, metrics: Option<StoredMetrics>, diagnosis: Option<String> },
+    Terminal { reason: String, metrics: Option<MetricsDocument>, diagnosis: Option<String> },
 }
 
 /// An event without the plan that it may carry.
@@ -194,7 +141,7 @@ pub(super) fn encode_event(event: &Event) -> Vec<u8> {
         },
         EventBody::Terminal(terminal) => StoredBody::Terminal {
             reason: terminal.reason.as_str().to_owned(),
-            metrics: terminal.metrics.as_ref().map(StoredMetrics::from),
+            metrics: terminal.metrics.as_ref().map(MetricsDocument::from),
             diagnosis: terminal.diagnosis.clone(),
         },
         // The last two are never stored: `JobRecord::admits` refuses them.
@@ -225,7 +172,7 @@ pub(super) fn decode_event(
         }),
         StoredBody::Terminal { reason, metrics, diagnosis } => EventBody::Terminal(Terminal {
             reason: TerminationReason::of_name(&reason).ok_or("a reason").map_err(broken)?,
-            metrics: metrics.map(Metrics::from),
+            metrics: metrics.map(Into::into),
             diagnosis,
         }),
     };

@@ -30,6 +30,7 @@ pub fn limits_document(config: &ServiceConfig) -> Value {
         "threads": read.max_threads,
         "time_budget_default_s": read.default_time_budget_s,
         "time_budget_max_s": read.max_time_budget_s,
+        "bodies_bytes": config.bodies_bytes,
         "inline_plan_bytes": config.inline_plan_bytes,
         "labels": MAX_LABELS,
         "label_bytes": MAX_LABEL_VALUE,

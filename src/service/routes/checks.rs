@@ -35,7 +35,7 @@ pub(super) async fn validate(
     body: Body,
 ) -> Result<Response, ApiError> {
     let [] = super::query(&uri, [])?;
-    let document = read_json(&headers, body, app.config.read_limits.max_bytes).await?;
+    let document = read_json(&app.bodies, &headers, body, app.config.read_limits.max_bytes).await?;
     let Understood { read: ReadProblem { problem, warnings }, .. } =
         read(&app, Source::Document(document)).await?;
     Ok(super::json(&Validated {
@@ -58,7 +58,7 @@ pub(super) async fn verify(
     let [] = super::query(&uri, [])?;
     // A problem and a plan, each within the bound.
     let limit = app.config.read_limits.max_bytes.saturating_mul(2);
-    let document = read_json(&headers, body, limit).await?;
+    let document = read_json(&app.bodies, &headers, body, limit).await?;
     Ok(super::json(&verdict(&app, Judged::Together(document)).await?))
 }
 

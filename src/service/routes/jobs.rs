@@ -34,7 +34,7 @@ pub(super) async fn create(
 ) -> Result<Response, ApiError> {
     let [] = super::query(&uri, [])?;
     let key = idempotency_key(&headers)?;
-    let document = read_json(&headers, body, app.config.read_limits.max_bytes).await?;
+    let document = read_json(&app.bodies, &headers, body, app.config.read_limits.max_bytes).await?;
     let record = accept(&app, Source::Document(document), &client, key).await?;
     let (record, place) = app.jobs.record(record.id)?;
     let mut response = super::json(&JobDocument::new(&record, place));

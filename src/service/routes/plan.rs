@@ -36,7 +36,7 @@ pub(super) async fn plan(
             return Err(ApiError::BadParameter { name: "cancel_on_disconnect", message });
         }
     };
-    let document = read_json(&headers, body, app.config.read_limits.max_bytes).await?;
+    let document = read_json(&app.bodies, &headers, body, app.config.read_limits.max_bytes).await?;
     let key = super::jobs::idempotency_key(&headers)?;
     let permit = app.open_stream(&client)?;
     let record = accept(&app, Source::Document(document), &client, key).await?;

@@ -50,9 +50,9 @@ const JSON: &str = "application/json";
 const STREAM: &[(&str, &str)] = &[("application/x-ndjson", "Event"), ("text/event-stream", "EventStream")];
 const JOB_BODY: &[(&str, &str)] = &[(JSON, "JobRequest")];
 /// What any request with a body may be refused with.
-const BODY_REFUSALS: &[u16] = &[400, 408, 413, 415, 422, 500, 503];
+const BODY_REFUSALS: &[u16] = &[400, 408, 413, 415, 422, 429, 500, 503];
 const SUBMIT_REFUSALS: &[u16] = &[400, 406, 408, 413, 415, 422, 429, 500, 503];
-const WORKCELL_REFUSALS: &[u16] = &[400, 404, 405, 408, 409, 413, 415, 422, 500, 503];
+const WORKCELL_REFUSALS: &[u16] = &[400, 404, 405, 408, 409, 413, 415, 422, 429, 500, 503];
 
 fn operation(
     id: &'static str,

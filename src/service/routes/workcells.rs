@@ -100,8 +100,8 @@ pub(super) async fn put(
     let limit = app.config.read_limits.max_bytes;
     let format = expect_bundle(&headers)?;
     let bytes = match format {
-        BundleFormat::Json => read_json(&headers, body, limit).await?,
-        BundleFormat::Zip | BundleFormat::TarGz => read_bundle(&headers, body, limit).await?,
+        BundleFormat::Json => read_json(&app.bodies, &headers, body, limit).await?,
+        BundleFormat::Zip | BundleFormat::TarGz => read_bundle(&app.bodies, &headers, body, limit).await?,
     };
     let registration = register(&app, id.clone(), format, bytes).await?;
     let mut document = entry(&registration.registered);

@@ -1,11 +1,11 @@
 //! A plan's figures as a document.
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use crate::plan::{Metrics, StepsProof};
 
 /// `metrics` of FORMAT's plan, event and job documents.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct MetricsDocument {
     /// Duration (s).
     pub duration_s: f64,
@@ -28,7 +28,7 @@ pub struct MetricsDocument {
 }
 
 /// `steps_proof`.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum StepsProofDocument {
     /// Not proved.
@@ -55,6 +55,26 @@ impl From<&Metrics> for MetricsDocument {
                 StepsProof::Ilp => StepsProofDocument::Ilp,
             },
             found_after_s: metrics.found_after_s,
+        }
+    }
+}
+
+impl From<MetricsDocument> for Metrics {
+    fn from(document: MetricsDocument) -> Self {
+        Self {
+            duration_s: document.duration_s,
+            duration_synchronous_s: document.duration_synchronous_s,
+            arc_length: document.arc_length,
+            actions: document.actions,
+            steps: document.steps,
+            mode_graph_optimum: document.mode_graph_optimum,
+            steps_lower_bound: document.steps_lower_bound,
+            steps_proof: match document.steps_proof {
+                StepsProofDocument::None => StepsProof::None,
+                StepsProofDocument::Bounds => StepsProof::Bounds,
+                StepsProofDocument::Ilp => StepsProof::Ilp,
+            },
+            found_after_s: document.found_after_s,
         }
     }
 }
