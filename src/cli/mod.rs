@@ -18,6 +18,8 @@ mod serve;
 mod settings;
 mod verify;
 
+pub use self::bench::work;
+
 use std::io;
 use std::path::PathBuf;
 use std::process::ExitCode;

@@ -92,20 +92,67 @@ impl JointMotion for StraightMotion {
             middles[lane] = ((from + to) / 2.0) as f32;
             halves[lane] = ((to - from) / 2.0) as f32 * DEVIATION_ROUND_UP;
         }
-        out.values.clear();
-        out.deviations.clear();
-        for (from, delta) in self.from.iter().zip(&self.delta) {
+        out.resize(self.from.len());
+        let rows = out.values.iter_mut().zip(&mut out.deviations);
+        for ((from, delta), (values, deviations)) in self.from.iter().zip(&self.delta).zip(rows) {
             let (from, delta) = (*from as f32, *delta as f32);
-            out.values.push(middles.map(|s| delta * s + from));
-            out.deviations.push(halves.map(|half| delta.abs() * half * DEVIATION_ROUND_UP));
+            let most = delta.abs() * DEVIATION_ROUND_UP;
+            for lane in 0..8 {
+                values[lane] = delta * middles[lane] + from;
+                deviations[lane] = most * halves[lane];
+            }
         }
+    }
+}
+
+/// Straight joint segments from one waypoint to the next: the n-th over [n, n + 1].
+#[derive(Debug, Clone)]
+pub struct PathMotion<'a>(&'a [Config]);
+
+impl<'a> PathMotion<'a> {
+    /// Through `waypoints`, all for the same joints.
+    pub fn new(waypoints: &'a [Config]) -> Self {
+        Self(waypoints)
+    }
+}
+
+impl JointMotion for PathMotion<'_> {
+    fn at(&self, s: f64) -> Config {
+        let Some(last) = self.0.len().checked_sub(1) else { return Config::new() };
+        let s = s.clamp(0.0, last as f64);
+        let from = (s as usize).min(last.saturating_sub(1));
+        let part = s - from as f64;
+        let to = &self.0[last.min(from + 1)];
+        self.0[from].iter().zip(to).map(|(a, b)| a + (b - a) * part).collect()
+    }
+
+    fn deviation(&self, s0: f64, s1: f64) -> Config {
+        let middle = self.at((s0 + s1) / 2.0);
+        let (first, last) = (self.at(s0), self.at(s1));
+        let mut most: Config = middle.iter().map(|_| 0.0).collect();
+        // Greatest at an end or at a waypoint between.
+        let between = (s0.ceil().max(0.0) as usize).min(self.0.len())..(s1.ceil().max(0.0) as usize).min(self.0.len());
+        for q in [&first, &last].into_iter().chain(self.0.get(between).into_iter().flatten()) {
+            for (most, (a, b)) in most.iter_mut().zip(q.iter().zip(&middle)) {
+                *most = most.max((a - b).abs());
+            }
+        }
+        most
+    }
+
+    fn span(&self) -> (f64, f64) {
+        (0.0, self.0.len().saturating_sub(1) as f64)
+    }
+
+    fn stands_still(&self) -> bool {
+        self.0.windows(2).all(|pair| pair[0] == pair[1])
     }
 }
 
 /// A body of a mover: one of its arm's atoms, or one of its held object's (counted after them).
 pub(super) type BodyIndex = u16;
 
-/// Several configurations, one after the other: [n, n + 1) stands still at the n-th.
+/// Several configurations, one after the other: from n on to n + 1 it stands still at the n-th.
 #[derive(Debug)]
 pub(super) struct Stations<'a>(pub(super) &'a [&'a [f64]]);
 
@@ -121,14 +168,16 @@ impl JointMotion for Stations<'_> {
     fn span(&self) -> (f64, f64) {
         (0.0, self.0.len() as f64)
     }
+}
 
-    fn sample(&self, intervals: &[(f64, f64); 8], out: &mut Samples) {
-        out.resize(self.0.first().map_or(0, |q| q.len()));
-        for (lane, (from, _)) in intervals.iter().enumerate() {
-            if let Some(q) = self.0.get(*from as usize) {
-                for (joint, value) in q.iter().enumerate() {
-                    out.set(joint, lane, *value as f32, 0.0);
-                }
+impl Stations<'_> {
+    /// The eight from number `first` on, the last one again where there are fewer.
+    pub(super) fn sample_batch(&self, first: usize, out: &mut Samples) {
+        let Some(last) = self.0.len().checked_sub(1) else { return };
+        out.resize(self.0[0].len());
+        for lane in 0..8 {
+            for (row, value) in out.values.iter_mut().zip(self.0[last.min(first + lane)]) {
+                row[lane] = *value as f32;
             }
         }
     }

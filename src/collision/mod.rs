@@ -26,7 +26,7 @@ mod world;
 
 pub use arm_bodies::ArmBodies;
 pub use atom::Atom;
-pub use certify::{JointMotion, StraightMotion};
+pub use certify::{JointMotion, PathMotion, StraightMotion};
 pub use lanes::Samples;
 pub use scene::{Exemption, Held, Scene};
 pub use world::{CollisionWorld, Resting, Taking};

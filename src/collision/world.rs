@@ -8,8 +8,11 @@ use std::sync::Arc;
 
 use super::arm_bodies::{ArmBodies, Levers};
 use super::atom::{Atom, PlacedAtom};
-use super::certify::{JointMotion, Stations, StraightMotion};
-use super::lanes::{Certification, Companion, Ensemble, LaneArm, LaneHeld, LaneMover, LaneStatic, Outcome};
+use super::certify::{JointMotion, StraightMotion};
+use super::lanes::{
+    Answers, Apart, Configurations, Ensemble, LaneArm, LaneHeld, LaneMover, LaneStatic, Motions, StaticBlock,
+    eighths,
+};
 use super::scene::{Exemption, Held, Scene};
 
 /// A static atom in the world.
@@ -103,14 +106,15 @@ impl CollisionWorld {
         let extent = arms.iter().map(extent).fold(0.0, f64::max);
         let inflation = (INFLATION + INFLATION_PER_METRE * extent) as f32;
         let to_lanes = Pose::translation(-origin.x, -origin.y, -origin.z);
-        let lane_obstacles = obstacles
+        let lane_obstacles: Vec<LaneStatic> = obstacles
             .iter()
             .map(|obstacle: &WorldAtom| LaneStatic::new(&obstacle.atom, &(to_lanes * obstacle.at.body)))
             .collect();
         let mut lane_arms: Vec<LaneArm> = Vec::new();
         for (index, (arm, bodies)) in workcell.arms.iter().zip(&arms).enumerate() {
             let known = twin(&workcell, index).map(|twin| &lane_arms[twin]);
-            let surroundings = (&origin, obstacles.as_slice(), clearance + f64::from(inflation));
+            let around = (obstacles.as_slice(), lane_obstacles.as_slice());
+            let surroundings = (&origin, around, clearance + f64::from(inflation));
             lane_arms.push(LaneArm::new(arm, bodies, surroundings, set, known));
         }
         let margin = clearance as f32 + inflation;
@@ -149,29 +153,17 @@ impl CollisionWorld {
         scene: &Scene,
         exemption: Exemption,
     ) -> Vec<bool> {
-        let resting = self.resting_atoms(scene);
-        let mut free = Vec::with_capacity(configs.len());
-        for batch in configs.chunks(8) {
-            let stations = Stations(batch);
-            let mover = self.mover(arm, &stations, held, exemption);
-            let pieces: [(f64, f64); 8] = std::array::from_fn(|n| (n as f64, n as f64 + 1.0));
-            let outcome = self.set.run(Certification {
-                world: self,
-                first: &mover,
-                companion: Companion::Surroundings(&resting.atoms, &resting.lanes),
-                pieces: &pieces[..batch.len()],
-                each: true,
-            });
-            free.extend((0..batch.len()).map(|n| outcome.blocked >> n & 1 == 0));
-        }
-        free
+        let around = self.resting_atoms(scene);
+        let nowhere = StraightMotion::rest(&[]);
+        let mover = self.mover(arm, &nowhere, held, exemption);
+        let kernel = Configurations { world: self, mover: &mover, around: &around, configs };
+        self.set.run(kernel).into_vec()
     }
 
-    /// Certifies over `span` in eight pieces; where nothing moves in one.
-    fn certify(&self, first: &Mover<'_>, companion: Companion<'_>, still: bool, span: (f64, f64)) -> Outcome {
+    /// An instant of `span` at which two movers are not certified apart.
+    fn contact(&self, first: &Mover<'_>, second: &Mover<'_>, still: bool, span: (f64, f64)) -> Option<f64> {
         let (pieces, count) = eighths(span, still);
-        let pieces = &pieces[..count];
-        self.set.run(Certification { world: self, first, companion, pieces, each: false })
+        self.set.run(Apart { world: self, first, second, pieces: &pieces[..count] })
     }
 
     /// Whether the arm is free at `q`; see [`Self::configs_free`].
@@ -195,13 +187,24 @@ impl CollisionWorld {
         scene: &Scene,
         exemption: Exemption,
     ) -> Vec<bool> {
-        let resting = self.resting_atoms(scene);
-        edges
-            .iter()
-            .map(|(from, to)| {
-                self.static_free(arm, &StraightMotion::new(from, to), held, &resting, exemption)
-            })
-            .collect()
+        let straight: Vec<StraightMotion> =
+            edges.iter().map(|(from, to)| StraightMotion::new(from, to)).collect();
+        let motions: Vec<&dyn JointMotion> = straight.iter().map(|motion| motion as _).collect();
+        let around = self.resting_atoms(scene);
+        self.each_free(arm, &motions, held, &around, exemption).into_vec()
+    }
+
+    fn each_free(
+        &self,
+        arm: ArmId,
+        motions: &[&dyn JointMotion],
+        held: Option<&Held>,
+        around: &Resting,
+        exemption: Exemption,
+    ) -> Answers {
+        let nowhere = StraightMotion::rest(&[]);
+        let mover = self.mover(arm, &nowhere, held, exemption);
+        self.set.run(Motions { world: self, mover: &mover, around, motions })
     }
 
     /// Whether the straight joint edge is certified free for the arm; see [`Self::edges_free`].
@@ -268,7 +271,7 @@ impl CollisionWorld {
             return None;
         }
         let still = first.1.stands_still() && second.1.stands_still();
-        self.certify(&a, Companion::Arm(&b), still, span).at
+        self.contact(&a, &b, still, span)
     }
 
     /// The first pair of `arms` (by their place in the list) whose motions over `span` are not
@@ -281,7 +284,7 @@ impl CollisionWorld {
         let looks = self.set.run(Ensemble { world: self, movers: &movers, still: &still, pieces: &pieces });
         let open = |pair: &(usize, usize)| {
             let (a, b) = (&movers[pair.0], &movers[pair.1]);
-            self.certify(a, Companion::Arm(b), false, span).at.is_some()
+            self.contact(a, b, false, span).is_some()
         };
         if let Some(look) = looks.iter().find(|look| look.blocked) {
             return Some(look.pair);
@@ -304,7 +307,8 @@ impl CollisionWorld {
                 lanes.push(LaneStatic::new(atom, &(to_lanes * pose)));
             }
         }
-        Resting { atoms, lanes }
+        let blocks = StaticBlock::all(&lanes);
+        Resting { atoms, lanes, blocks }
     }
 
     /// Whether the arm's motion is free, against resting objects prepared by
@@ -317,9 +321,7 @@ impl CollisionWorld {
         resting: &Resting,
         exemption: Exemption,
     ) -> bool {
-        let mover = self.mover(arm, motion, held, exemption);
-        let around = Companion::Surroundings(&resting.atoms, &resting.lanes);
-        self.certify(&mover, around, motion.stands_still(), motion.span()).blocked == 0
+        self.each_free(arm, &[motion], held, resting, exemption).as_slice() == [true]
     }
 
     /// Whether an object at rest at `pose` is clear of the other resting objects and of every
@@ -418,15 +420,10 @@ fn object_atoms(problem: &Problem) -> Vec<Vec<Atom>> {
 /// An arm in a query: which, its motion, what it holds, what it may touch.
 pub type Taking<'a> = (ArmId, &'a dyn JointMotion, Option<&'a Held>, Exemption);
 
-/// A span in eight pieces, of which only the first counts where nothing moves.
-fn eighths((from, to): (f64, f64), still: bool) -> ([(f64, f64); 8], usize) {
-    let edge = |n: usize| from + (to - from) * n as f64 / 8.0;
-    (std::array::from_fn(|n| (edge(n), edge(n + 1))), if still { 1 } else { 8 })
-}
-
 /// Resting objects prepared for many queries.
 #[derive(Debug, Clone)]
 pub struct Resting {
     pub(super) atoms: Vec<WorldAtom>,
-    lanes: Vec<LaneStatic>,
+    pub(super) lanes: Vec<LaneStatic>,
+    pub(super) blocks: Vec<StaticBlock>,
 }

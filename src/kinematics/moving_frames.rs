@@ -6,7 +6,6 @@
 //! turn that costs nothing.
 
 use nalgebra::{Rotation3, UnitQuaternion};
-use smallvec::SmallVec;
 
 use super::model::{ArmModel, Link, LinkMotion};
 use crate::geometry::lanes::{Float8, V3, column_sum, scale3, sin_cos, splat3};
@@ -24,8 +23,14 @@ pub struct Frame8<F> {
     pub origin: V3<F>,
 }
 
-/// The frames of one arm, in the order of [`MovingFrames::place`].
-pub type Frames8<F> = SmallVec<[Frame8<F>; 8]>;
+impl<F: Float8> Frame8<F> {
+    /// Nothing but zeros, to be overwritten.
+    #[inline(always)]
+    pub fn zero() -> Self {
+        let zero = [F::splat(0.0); 3];
+        Self { axes: [zero; 3], origin: zero }
+    }
+}
 
 /// The moving frames of an arm in its place.
 #[derive(Debug, Clone)]
@@ -134,6 +139,11 @@ impl MovingFrames {
         self.steps[frame].slides
     }
 
+    /// The joint that drives a frame, and how much the frame moves as the joint does by one.
+    pub fn drive(&self, frame: usize) -> (usize, f32) {
+        (self.steps[frame].joint, self.steps[frame].multiplier.abs())
+    }
+
     /// The frame on which a frame stands, `None` where that stands still.
     pub fn parent(&self, frame: usize) -> Option<usize> {
         match self.steps[frame].before {
@@ -142,14 +152,9 @@ impl MovingFrames {
         }
     }
 
-    /// Places all frames at eight configurations: `q[joint][lane]`.
+    /// Places all frames at eight configurations `q[joint][lane]`; `out` has room for each.
     #[inline(always)]
-    pub fn place<F: Float8>(&self, q: &[[f32; 8]], out: &mut Frames8<F>) {
-        if out.len() != self.steps.len() {
-            let zero = [F::splat(0.0); 3];
-            out.clear();
-            out.resize(self.steps.len(), Frame8 { axes: [zero; 3], origin: zero });
-        }
+    pub fn place<F: Float8>(&self, q: &[[f32; 8]], out: &mut [Frame8<F>]) {
         for (index, step) in self.steps.iter().enumerate() {
             // In place, since a frame is too large to be handed around.
             let (done, rest) = out.split_at_mut(index);
@@ -295,7 +300,7 @@ mod tests {
 
         #[inline(always)]
         fn run<F: Float8>(self) -> Self::Output {
-            let mut frames = Frames8::<F>::new();
+            let mut frames = vec![Frame8::<F>::zero(); self.0.len()];
             self.0.place(self.1, &mut frames);
             let numbers = |v: &V3<F>| [v[0].store(), v[1].store(), v[2].store()];
             frames.iter().map(|f| (f.axes.map(|axis| numbers(&axis)), numbers(&f.origin))).collect()

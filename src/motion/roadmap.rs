@@ -5,11 +5,15 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU8, Ordering};
 
 use rand::Rng as _;
+use smallvec::SmallVec;
 
 use crate::collision::{CollisionWorld, Exemption, Scene, StraightMotion};
 use crate::kinematics::Config;
 use crate::run::{Control, Rng};
 use crate::workcell::{Arm, ArmId};
+
+/// Configurations that are drawn and checked at a time.
+const BATCH: usize = 8;
 
 /// What is known of an edge against the static workcell.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -26,7 +30,6 @@ pub struct Edge {
     pub ends: [usize; 2],
     /// Its length in [`Roadmap::distance`] (s).
     pub length: f64,
-    validity: Validity,
 }
 
 /// What anybody found out about the edges that a roadmap had when it was shared. It saves checks
@@ -52,15 +55,19 @@ impl SharedChecks {
 
 /// A roadmap of one arm. Grows by [`Roadmap::grow`]; edges join each vertex to its nearest
 /// `e (1 + 1/d) ln n` neighbours, the PRM* rule on which asymptotic optimality rests.
+///
+/// Clones share what there is until one of them grows.
 #[derive(Debug, Clone)]
 pub struct Roadmap {
     arm: ArmId,
     /// Inverse of the joints' greatest speeds (s/rad).
     pace: Config,
-    vertices: Vec<Config>,
-    edges: Vec<Edge>,
+    vertices: Arc<Vec<Config>>,
+    edges: Arc<Vec<Edge>>,
     /// Edge numbers by vertex.
-    incident: Vec<Vec<usize>>,
+    incident: Arc<Vec<Vec<usize>>>,
+    /// By edge.
+    validity: Vec<Validity>,
     shared: Arc<SharedChecks>,
 }
 
@@ -68,8 +75,15 @@ impl Roadmap {
     /// An empty roadmap for `arm`.
     pub fn new(id: ArmId, arm: &Arm) -> Self {
         let pace = arm.limits.iter().map(|limit| 1.0 / limit.velocity).collect();
-        let shared = Arc::default();
-        Self { arm: id, pace, vertices: Vec::new(), edges: Vec::new(), incident: Vec::new(), shared }
+        Self {
+            arm: id,
+            pace,
+            vertices: Arc::default(),
+            edges: Arc::default(),
+            incident: Arc::default(),
+            validity: Vec::new(),
+            shared: Arc::default(),
+        }
     }
 
     /// Lets all clones made from now on share the checks of the edges that there are.
@@ -108,6 +122,10 @@ impl Roadmap {
 
     /// The `count` vertices nearest to `q`, nearest first.
     pub fn nearest(&self, q: &[f64], count: usize) -> Vec<usize> {
+        self.nearest_with_distance(q, count).into_iter().map(|(_, vertex)| vertex).collect()
+    }
+
+    fn nearest_with_distance(&self, q: &[f64], count: usize) -> Vec<(f64, usize)> {
         let mut by_distance: Vec<(f64, usize)> =
             self.vertices.iter().enumerate().map(|(i, v)| (self.distance(q, v), i)).collect();
         let count = count.min(by_distance.len());
@@ -116,7 +134,7 @@ impl Roadmap {
             by_distance.truncate(count);
         }
         by_distance.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
-        by_distance.into_iter().map(|(_, i)| i).collect()
+        by_distance
     }
 
     /// How many neighbours a vertex is joined to.
@@ -142,54 +160,48 @@ impl Roadmap {
         if self.vertices.is_empty() {
             self.insert(arm.home.clone());
         }
+        let mut drawn: Vec<Config> = Vec::with_capacity(BATCH);
         while self.vertices.len() < target && tries < 20 * count {
-            tries += 1;
-            if tries % 64 == 0 && control.should_stop() {
+            if tries % (8 * BATCH) == 0 && control.should_stop() {
                 break;
             }
-            let around_home = rng.random_bool(0.5);
-            let q: Config = arm
-                .limits
-                .iter()
-                .zip(&arm.home)
-                .map(|(limit, home)| {
-                    let (lower, upper) = bounded(limit.lower, limit.upper, *home);
-                    if around_home {
-                        let half = (upper - lower) / 5.0;
-                        (home + rng.random_range(-half..=half)).clamp(lower, upper)
-                    } else {
-                        rng.random_range(lower..=upper)
-                    }
-                })
-                .collect();
-            if world.config_free(self.arm, &q, None, &empty, Exemption::default()) {
-                self.insert(q);
+            drawn.clear();
+            drawn.extend((0..BATCH).map(|_| draw(arm, rng)));
+            tries += BATCH;
+            let free = {
+                let slices: SmallVec<[&[f64]; BATCH]> = drawn.iter().map(|q| &q[..]).collect();
+                world.configs_free(self.arm, &slices, None, &empty, Exemption::default())
+            };
+            for (q, free) in drawn.drain(..).zip(free) {
+                if free && self.vertices.len() < target {
+                    self.insert(q);
+                }
             }
         }
     }
 
     fn insert(&mut self, q: Config) {
-        let degree = self.degree();
-        let near = self.nearest(&q, degree);
+        let near = self.nearest_with_distance(&q, self.degree());
         let vertex = self.vertices.len();
-        self.incident.push(Vec::new());
-        for other in near {
-            let length = self.distance(&q, &self.vertices[other]);
-            let edge = self.edges.len();
-            self.edges.push(Edge { ends: [other, vertex], length, validity: Validity::Unknown });
-            self.incident[other].push(edge);
-            self.incident[vertex].push(edge);
+        let (edges, incident) = (Arc::make_mut(&mut self.edges), Arc::make_mut(&mut self.incident));
+        incident.push(Vec::with_capacity(near.len()));
+        for (length, other) in near {
+            let edge = edges.len();
+            edges.push(Edge { ends: [other, vertex], length });
+            self.validity.push(Validity::Unknown);
+            incident[other].push(edge);
+            incident[vertex].push(edge);
         }
-        self.vertices.push(q);
+        Arc::make_mut(&mut self.vertices).push(q);
     }
 
     /// Whether the edge is free of the static workcell, the arm's hand empty; checked at most once.
     pub fn edge_free(&mut self, world: &CollisionWorld, edge: usize) -> bool {
-        if self.edges[edge].validity == Validity::Unknown {
+        if self.validity[edge] == Validity::Unknown {
             let free = self.shared.get(edge).unwrap_or_else(|| self.check(world, edge));
-            self.edges[edge].validity = if free { Validity::Free } else { Validity::Blocked };
+            self.validity[edge] = if free { Validity::Free } else { Validity::Blocked };
         }
-        self.edges[edge].validity == Validity::Free
+        self.validity[edge] == Validity::Free
     }
 
     fn check(&self, world: &CollisionWorld, edge: usize) -> bool {
@@ -203,8 +215,26 @@ impl Roadmap {
 
     /// Whether the edge is known to be blocked by the static workcell.
     pub fn known_blocked(&self, edge: usize) -> bool {
-        self.edges[edge].validity == Validity::Blocked
+        self.validity[edge] == Validity::Blocked
     }
+}
+
+/// A configuration, uniform within the limits or around `home`.
+fn draw(arm: &Arm, rng: &mut Rng) -> Config {
+    let around_home = rng.random_bool(0.5);
+    arm.limits
+        .iter()
+        .zip(&arm.home)
+        .map(|(limit, home)| {
+            let (lower, upper) = bounded(limit.lower, limit.upper, *home);
+            if around_home {
+                let half = (upper - lower) / 5.0;
+                (home + rng.random_range(-half..=half)).clamp(lower, upper)
+            } else {
+                rng.random_range(lower..=upper)
+            }
+        })
+        .collect()
 }
 
 /// Limits to sample within: those of a continuous joint are a turn around home.

@@ -97,6 +97,14 @@ impl PlannerCache {
         self.len() == 0
     }
 
+    /// Makes the workcell of `problem` ready, all that a run does before it looks at the arrangements:
+    /// compiles it unless it is known. Returns how many arms have their bodies and roadmaps.
+    pub fn prepare(&self, problem: &Problem, control: &Control) -> usize {
+        let compiled = self.get(problem, control);
+        let _bodies = compiled.world(problem);
+        compiled.roadmaps().to_vec().len()
+    }
+
     /// The compiled workcell of `problem`: the one known, or a new one, which is kept if it could be
     /// built to the end. Two runs that ask for the same new one at once may both build it.
     pub(super) fn get(&self, problem: &Problem, control: &Control) -> Arc<CompiledWorkcell> {

@@ -1,6 +1,6 @@
 //! Grounded picks and places: one arm, one object, one pose.
 
-use crate::collision::{CollisionWorld, Exemption, Held, Scene};
+use crate::collision::{CollisionWorld, Exemption, Held, PathMotion, Scene};
 use crate::geometry::{Pose, Vec3};
 use crate::kinematics::Config;
 use crate::problem::Problem;
@@ -137,9 +137,7 @@ impl<'a> Grounding<'a> {
             ContactKind::Place => (&approach, &retreat),
         };
         let along = |line: &Line, held: Option<&Held>, scene: &Scene| {
-            let edges: Vec<(&[f64], &[f64])> =
-                line.waypoints.windows(2).map(|pair| (&pair[0][..], &pair[1][..])).collect();
-            self.world.edges_free(arm_id, &edges, held, scene, touching).into_iter().all(|free| free)
+            self.world.motion_free(arm_id, &PathMotion::new(&line.waypoints), held, scene, touching)
         };
         let alone = Scene { resting: vec![(self.query.object, self.query.pose)] };
         let free = along(holding, Some(held), &empty) && along(without, None, &alone);

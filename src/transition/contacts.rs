@@ -4,7 +4,7 @@
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use crate::collision::{CollisionWorld, Exemption, Held, Scene, StraightMotion};
+use crate::collision::{CollisionWorld, Exemption, Held, PathMotion, Scene};
 use crate::geometry::Pose;
 use crate::kinematics::Config;
 use crate::problem::Problem;
@@ -177,10 +177,8 @@ impl<'a> Contacts<'a> {
             ContactKind::Place => (&contact.approach, &contact.retreat),
         };
         let along = |line: &super::line::Line, held: Option<&Held>| {
-            line.waypoints.windows(2).all(|pair| {
-                let motion = StraightMotion::new(&pair[0], &pair[1]);
-                self.world.static_free(query.arm, &motion, held, &around, touching)
-            })
+            let motion = PathMotion::new(&line.waypoints);
+            self.world.static_free(query.arm, &motion, held, &around, touching)
         };
         along(holding, Some(&held)) && along(without, None)
     }

@@ -3,7 +3,7 @@
 use rand::Rng as _;
 use rand::seq::IndexedRandom;
 
-use crate::collision::{CollisionWorld, Exemption, Held, Scene, StraightMotion};
+use crate::collision::{CollisionWorld, Exemption, Held, JointMotion as _, PathMotion, Scene, StraightMotion};
 use crate::geometry::{Pose, Vec3};
 use crate::kinematics::Config;
 use crate::problem::Problem;
@@ -213,25 +213,21 @@ impl Sampler<'_> {
             Line::follow(self.receiver, receiver_q, &backwards(self.receiver, receiver_q), self.approach)?;
         let giver_rests = StraightMotion::rest(giver_q);
         let receiver_rests = StraightMotion::rest(receiver_q);
-        let approaches = receiver_approach.waypoints.windows(2).all(|pair| {
-            let motion = StraightMotion::new(&pair[0], &pair[1]);
-            world.edge_free(query.receiver, &pair[0], &pair[1], None, &empty, none)
-                && world.motions_apart(
-                    (query.giver, &giver_rests, Some(&giving), none),
-                    (query.receiver, &motion, None, touching),
-                    (0.0, 1.0),
-                )
-        });
+        let (approach, retreat) =
+            (PathMotion::new(&receiver_approach.waypoints), PathMotion::new(&giver_retreat.waypoints));
+        let approaches = world.motion_free(query.receiver, &approach, None, &empty, none)
+            && world.motions_apart(
+                (query.giver, &giver_rests, Some(&giving), none),
+                (query.receiver, &approach, None, touching),
+                approach.span(),
+            );
         let retreats = approaches
-            && giver_retreat.waypoints.windows(2).all(|pair| {
-                let motion = StraightMotion::new(&pair[0], &pair[1]);
-                world.edge_free(query.giver, &pair[0], &pair[1], None, &empty, none)
-                    && world.motions_apart(
-                        (query.giver, &motion, None, touching),
-                        (query.receiver, &receiver_rests, Some(&taking), none),
-                        (0.0, 1.0),
-                    )
-            });
+            && world.motion_free(query.giver, &retreat, None, &empty, none)
+            && world.motions_apart(
+                (query.giver, &retreat, None, touching),
+                (query.receiver, &receiver_rests, Some(&taking), none),
+                retreat.span(),
+            );
         retreats.then(|| HandoffContact {
             giver_hold: *giver_hold,
             receiver_hold: *receiver_hold,

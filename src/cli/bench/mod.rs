@@ -6,6 +6,7 @@ mod kernels;
 mod paper;
 mod screen;
 mod table;
+pub mod work;
 
 use super::{Answer, CliError, input};
 

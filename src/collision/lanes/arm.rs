@@ -3,13 +3,13 @@
 use nalgebra::UnitQuaternion;
 use smallvec::SmallVec;
 
-use super::core::{LaneCapsule, LaneCore};
+use super::core::{LaneCapsule, LaneCore, LaneStatic, StaticBlock};
 use super::impossible::NeverTouch;
 use super::limb::{Ball, Enclosure};
 use crate::collision::arm_bodies::{ArmBodies, Levers, link_reach};
 use crate::collision::atom::{Atom, Core};
 use crate::collision::world::WorldAtom;
-use crate::geometry::lanes::InstructionSet;
+use crate::geometry::lanes::{Bits8, InstructionSet};
 use crate::geometry::{PlacedShape, Pose, Shape, Vec3};
 use crate::kinematics::{LinkMotion, MovingFrames};
 use crate::workcell::Arm;
@@ -37,6 +37,16 @@ pub(super) struct LaneAtom {
     pub(super) levers: Row,
     /// Whether the core is the shape itself.
     pub(super) exact: bool,
+    /// A capsule that holds the core.
+    pub(super) hull: LaneCapsule,
+}
+
+impl LaneAtom {
+    pub(super) fn new(atom: &Atom, body: &Pose, frame: Option<usize>, levers: &Levers) -> Self {
+        let core = LaneCore::new(atom, body);
+        let hull = core.hull();
+        Self { core, frame, levers: row(levers), exact: atom.core_is_exact, hull }
+    }
 }
 
 /// A capsule around some atoms.
@@ -64,17 +74,16 @@ pub(super) struct SelfGroup {
 pub(super) struct SelfPair {
     pub(super) a: u16,
     pub(super) b: u16,
+    /// How joints move them against each other.
+    pub(super) levers: Row,
 }
 
-/// Who of an arm may meet an obstacle.
+/// Who of an arm may meet eight obstacles.
 #[derive(Debug, Clone)]
-pub(super) struct NearStatic {
-    /// Index among the obstacle atoms.
-    pub(super) index: usize,
-    /// By limb, whether it can get there.
-    pub(super) limbs: Vec<bool>,
-    /// Whether one of them can.
-    pub(super) any: bool,
+pub(super) struct NearBlock {
+    pub(super) boxes: StaticBlock,
+    /// By limb, which of the eight it can get to.
+    pub(super) limbs: Vec<Bits8>,
 }
 
 /// The compiled arm.
@@ -84,9 +93,12 @@ pub(in crate::collision) struct LaneArm {
     pub(super) atoms: Vec<LaneAtom>,
     pub(super) limbs: Vec<Limb>,
     pub(super) self_groups: Vec<SelfGroup>,
-    pub(super) near: Vec<NearStatic>,
+    /// The obstacles, those first that a limb can get to.
+    pub(super) near: Vec<NearBlock>,
     /// The frame of the mount link, and its pose in it.
     pub(super) mount: (Option<usize>, Pose),
+    /// By joint, whether it drives several frames.
+    pub(super) several: Vec<bool>,
 }
 
 /// A [`Row`] of `levers`.
@@ -94,16 +106,22 @@ pub(super) fn row(levers: &Levers) -> Row {
     levers.iter().map(|lever| lever.map_or(UNMOVED, |l| (l as f32 * ROUND_UP).min(GREATEST_LEVER))).collect()
 }
 
-/// How joints move two bodies of one arm against each other: a joint that moves both does not count.
-pub(super) fn relative(a: &Row, b: &Row) -> Row {
-    a.iter()
-        .zip(b)
-        .map(|(&x, &y)| match (x != UNMOVED, y != UNMOVED) {
-            (true, false) => x,
-            (false, true) => y,
-            _ => UNMOVED,
-        })
-        .collect()
+/// The lever by which a joint moves two bodies of one arm against each other: one that moves both as
+/// one does not count, one that drives `several` frames may stand between them all the same.
+#[inline(always)]
+pub(super) fn relative_lever(x: f32, y: f32, several: bool) -> f32 {
+    match (x != UNMOVED, y != UNMOVED) {
+        (true, false) => x,
+        (false, true) => y,
+        (true, true) if several => x + y,
+        _ => UNMOVED,
+    }
+}
+
+/// How joints move two bodies of one arm against each other; `several` tells by joint whether it
+/// drives several frames.
+pub(super) fn relative(a: &Row, b: &Row, several: &[bool]) -> Row {
+    a.iter().zip(b).zip(several).map(|((&x, &y), &several)| relative_lever(x, y, several)).collect()
 }
 
 impl LaneArm {
@@ -113,7 +131,7 @@ impl LaneArm {
     pub(in crate::collision) fn new(
         arm: &Arm,
         bodies: &ArmBodies,
-        (origin, obstacles, clearance): (&Vec3, &[WorldAtom], f64),
+        (origin, obstacles, clearance): (&Vec3, (&[WorldAtom], &[LaneStatic]), f64),
         set: InstructionSet,
         twin: Option<&Self>,
     ) -> Self {
@@ -125,37 +143,49 @@ impl LaneArm {
             .iter()
             .map(|atom| {
                 let (frame, body) = frames.rider(atom.link);
-                LaneAtom {
-                    core: LaneCore::new(&atom.atom, body),
-                    frame,
-                    levers: row(&atom.levers),
-                    exact: atom.atom.core_is_exact,
-                }
+                LaneAtom::new(&atom.atom, body, frame, &atom.levers)
             })
             .collect();
         let laid = Builder::new(arm, bodies, &frames, twin).limbs();
-        let near = obstacles
+        let mut near: Vec<(usize, Vec<bool>)> = obstacles
+            .0
             .iter()
-            .enumerate()
-            .map(|(index, obstacle)| {
-                let limbs: Vec<bool> =
-                    laid.iter().map(|(_, reach)| reach.may_meet(obstacle, origin, clearance)).collect();
-                NearStatic { index, any: limbs.contains(&true), limbs }
+            .map(|obstacle| {
+                laid.iter().map(|(_, extent)| extent.may_meet(obstacle, origin, clearance)).collect()
             })
+            .enumerate()
             .collect();
+        near.sort_by_key(|(_, limbs)| !limbs.contains(&true));
+        let near = near.chunks(8).map(|chunk| NearBlock::new(chunk, obstacles.1, laid.len())).collect();
         let limbs: Vec<Limb> = laid.into_iter().map(|(limb, _)| limb).collect();
         let turns: Vec<bool> = (0..arm.model.dof()).map(|joint| turns(arm, joint)).collect();
+        let several: Vec<bool> = (0..arm.model.dof())
+            .map(|joint| (0..frames.len()).filter(|&frame| frames.drive(frame).0 == joint).count() > 1)
+            .collect();
         let never = |a: &LaneAtom, b: &LaneAtom| {
             let (margin, limits) = (clearance as f32, arm.limits.as_slice());
-            set.run(NeverTouch { frames: &frames, pair: (a, b), limits, turns: &turns, margin })
+            let levers = relative(&a.levers, &b.levers, &several);
+            set.run(NeverTouch { frames: &frames, pair: (a, b), levers: &levers, limits, turns: &turns, margin })
         };
         let self_groups = match twin {
             Some(twin) => twin.self_groups.clone(),
-            None => self_groups(bodies, &atoms, &limbs, &never),
+            None => self_groups(bodies, (&atoms, &limbs), &several, &never),
         };
         let (mount, pose) = frames.rider(arm.model.mount);
         let mount = (mount, *pose);
-        Self { frames, atoms, limbs, self_groups, near, mount }
+        Self { frames, atoms, limbs, self_groups, near, mount, several }
+    }
+}
+
+impl NearBlock {
+    /// For up to eight obstacles, each with whether it can be met by limb.
+    fn new(near: &[(usize, Vec<bool>)], obstacles: &[LaneStatic], limbs: usize) -> Self {
+        let indices: Vec<usize> = near.iter().map(|(index, _)| *index).collect();
+        let mask = |limb: usize| {
+            let bits = near.iter().enumerate().filter(|(_, (_, limbs))| limbs[limb]);
+            bits.fold(0, |mask, (slot, _)| mask | 1 << slot)
+        };
+        Self { boxes: StaticBlock::new(&indices, obstacles), limbs: (0..limbs).map(mask).collect() }
     }
 }
 
@@ -202,22 +232,23 @@ impl Extent {
 /// Pairs that are checked, by the limbs in which they lie.
 fn self_groups(
     bodies: &ArmBodies,
-    atoms: &[LaneAtom],
-    limbs: &[Limb],
+    (atoms, limbs): (&[LaneAtom], &[Limb]),
+    several: &[bool],
     never: &dyn Fn(&LaneAtom, &LaneAtom) -> bool,
 ) -> Vec<SelfGroup> {
     let limb_of = |atom: usize| limbs.iter().position(|limb| limb.atoms.contains(&(atom as u16)));
     let mut groups = std::collections::BTreeMap::<_, Vec<SelfPair>>::new();
     for &(a, b) in &bodies.self_pairs {
         // What nothing moves against each other was looked at when the problem was read.
-        if relative(&atoms[a].levers, &atoms[b].levers).iter().all(|l| *l == UNMOVED) {
+        let levers = relative(&atoms[a].levers, &atoms[b].levers, several);
+        if levers.iter().all(|lever| *lever == UNMOVED) {
             continue;
         }
         if never(&atoms[a], &atoms[b]) {
             continue;
         }
         let key = (limb_of(a), limb_of(b));
-        groups.entry(key).or_default().push(SelfPair { a: a as u16, b: b as u16 });
+        groups.entry(key).or_default().push(SelfPair { a: a as u16, b: b as u16, levers });
     }
     groups
         .into_iter()
@@ -225,7 +256,7 @@ fn self_groups(
             // Neighbours always touch; to look at them as a whole is a waste.
             let limbs = match (first, second) {
                 (Some(x), Some(y)) if x.abs_diff(y) > 1 && pairs.len() > 1 => {
-                    Some((x, y, relative(&limbs[x].levers, &limbs[y].levers)))
+                    Some((x, y, relative(&limbs[x].levers, &limbs[y].levers, several)))
                 }
                 _ => None,
             };

@@ -2,12 +2,11 @@
 
 use smallvec::SmallVec;
 
-use super::arm::UNMOVED;
-use super::core::LaneStatic;
-use super::mover::{PlacedArm, PlacedLimb, motion_bound};
+use super::arm::{UNMOVED, relative_lever};
+use super::place::{PlacedArm, PlacedLimb, motion_bound};
 use crate::collision::certify::BodyIndex;
-use crate::collision::world::{CollisionWorld, Mover, Owner, WorldAtom};
-use crate::geometry::lanes::{Bits8, Float8, V3, segment_segment_squared};
+use crate::collision::world::{CollisionWorld, Mover, Owner, Resting};
+use crate::geometry::lanes::{Bits8, Float8, Segment8, V3, segment_segment_squared};
 
 /// What an atom is checked against.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -35,52 +34,50 @@ pub(super) type Candidates = SmallVec<[Candidate; 64]>;
 pub(super) fn with_world<F: Float8>(
     world: &CollisionWorld,
     mover: &Mover<'_>,
-    resting: (&[WorldAtom], &[LaneStatic]),
+    around: &Resting,
     at: &PlacedArm<F>,
     active: Bits8,
     out: &mut Candidates,
 ) {
     let margin = F::splat(world.margin);
-    let mut low = at.low;
-    let mut high = at.high;
-    for k in 0..3 {
-        low[k] = low[k] - margin;
-        high[k] = high[k] + margin;
-    }
-    let own = mover.lanes.arm.limbs.len();
-    for near in &mover.lanes.arm.near {
-        let fixed = &world.lane_obstacles[near.index];
-        if !near.any && mover.lanes.held.is_none() {
-            continue;
-        }
-        let among = fixed.meets(&low, &high) & active;
-        if among == 0 {
-            continue;
-        }
-        for (index, limb) in at.limbs.iter().enumerate() {
-            if index < own && !near.limbs[index] {
+    for (index, limb) in at.limbs().iter().enumerate() {
+        let (hull, need) = (limb.hull(world.margin), limb.need + margin);
+        for block in &mover.lanes.arm.near {
+            // A held object may get to all of them, an arm's limb not to what comes after this.
+            let mut near = block.limbs.get(index).copied().unwrap_or(block.boxes.there);
+            if near == 0 {
                 continue;
             }
-            let lanes = fixed.near(&limb.axis, limb.need + margin, among);
-            if lanes != 0 {
-                let owner = world.obstacles[near.index].owner;
-                push_world(world, mover, index, (near.index, owner), lanes, out);
+            near &= block.boxes.meet::<F>(&hull);
+            while near != 0 {
+                let index_in_world = block.boxes.index(near.trailing_zeros());
+                near &= near - 1;
+                let fixed = &world.lane_obstacles[index_in_world];
+                let among = fixed.meets(&limb.low, &limb.high, margin, active);
+                if among == 0 {
+                    continue;
+                }
+                let lanes = fixed.near(&limb.axis(), need, among);
+                if lanes != 0 {
+                    let owner = world.obstacles[index_in_world].owner;
+                    push_world(world, mover, index, (index_in_world, owner), lanes, out);
+                }
             }
         }
-    }
-    for (index, (atom, fixed)) in resting.0.iter().zip(resting.1).enumerate() {
-        if mover.held.as_ref().is_some_and(|held| atom.owner == Owner::Resting(held.object)) {
-            continue;
-        }
-        let among = fixed.meets(&low, &high) & active;
-        if among == 0 {
-            continue;
-        }
-        for (limb_index, limb) in at.limbs.iter().enumerate() {
-            let lanes = fixed.near(&limb.axis, limb.need + margin, among);
-            if lanes != 0 {
-                let target = (world.obstacles.len() + index, atom.owner);
-                push_world(world, mover, limb_index, target, lanes, out);
+        for block in &around.blocks {
+            let mut near = block.meet::<F>(&hull) & block.there;
+            while near != 0 {
+                let resting = block.index(near.trailing_zeros());
+                near &= near - 1;
+                let owner = around.atoms[resting].owner;
+                if mover.held.as_ref().is_some_and(|held| owner == Owner::Resting(held.object)) {
+                    continue;
+                }
+                let lanes = around.lanes[resting].near(&limb.axis(), need, active);
+                if lanes != 0 {
+                    let target = (world.obstacles.len() + resting, owner);
+                    push_world(world, mover, index, target, lanes, out);
+                }
             }
         }
     }
@@ -114,31 +111,51 @@ pub(super) fn with_itself<F: Float8>(
     active: Bits8,
     out: &mut Candidates,
 ) {
-    let arm = mover.lanes.arm;
+    let (arm, limbs, frames) = (mover.lanes.arm, at.limbs(), at.frames());
+    // Pairs come sorted by their first atom.
+    let mut last = None;
+    let mut ours = Segment8::with_length([F::splat(0.0); 3], [F::splat(0.0); 3], 0.0);
     for group in &arm.self_groups {
         let mut lanes = active;
         if let Some((x, y, levers)) = &group.limbs {
             let radii = arm.limbs[*x].capsule.radius + arm.limbs[*y].capsule.radius;
-            let need = motion_bound(levers, &at.deviations) + F::splat(radii + world.margin);
-            let squared = segment_segment_squared(&at.limbs[*x].axis, &at.limbs[*y].axis);
+            let mut need = F::splat(radii + world.margin);
+            if !at.still {
+                need = need + motion_bound(levers, &at.deviations);
+            }
+            let squared = segment_segment_squared(&limbs[*x].axis(), &limbs[*y].axis());
             lanes &= F::bits(squared.less(need * need));
         }
         if lanes != 0 {
             for pair in &group.pairs {
-                out.push(Candidate { a: pair.a, target: Target::Itself(pair.b), lanes });
+                let (a, b) = (&arm.atoms[usize::from(pair.a)], &arm.atoms[usize::from(pair.b)]);
+                if last != Some(pair.a) {
+                    (last, ours) = (Some(pair.a), a.hull.place(a.frame.map(|frame| &frames[frame])));
+                }
+                let mut need = F::splat(a.hull.radius + b.hull.radius + world.margin);
+                if !at.still {
+                    need = need + motion_bound(&pair.levers, &at.deviations);
+                }
+                let theirs = b.hull.place(b.frame.map(|frame| &frames[frame]));
+                let near = F::bits(segment_segment_squared(&ours, &theirs).less(need * need)) & lanes;
+                if near != 0 {
+                    out.push(Candidate { a: pair.a, target: Target::Itself(pair.b), lanes: near });
+                }
             }
         }
     }
     let Some(held) = &mover.lanes.held else { return };
-    let Some(held_at) = at.limbs.get(arm.limbs.len()) else { return };
-    for (limb, placed) in arm.limbs.iter().zip(&at.limbs) {
+    let Some(held_at) = limbs.get(arm.limbs.len()) else { return };
+    for (limb, placed) in arm.limbs.iter().zip(limbs) {
         let mut bound = F::splat(limb.capsule.radius + held.limb.capsule.radius + world.margin);
-        for ((x, y), deviation) in limb.levers.iter().zip(&held.limb.levers).zip(&at.deviations) {
-            if *x == UNMOVED && *y != UNMOVED {
-                bound = F::splat(*y).mul_add(*deviation, bound);
+        for (joint, deviation) in at.deviations.iter().enumerate() {
+            let (x, y) = (limb.levers[joint], held.limb.levers[joint]);
+            let lever = relative_lever(x, y, arm.several[joint]);
+            if lever != UNMOVED {
+                bound = F::splat(lever).mul_add(*deviation, bound);
             }
         }
-        let squared = segment_segment_squared(&placed.axis, &held_at.axis);
+        let squared = segment_segment_squared(&placed.axis(), &held_at.axis());
         let lanes = F::bits(squared.less(bound * bound)) & active;
         if lanes == 0 {
             continue;
@@ -155,51 +172,68 @@ pub(super) fn with_itself<F: Float8>(
 
 /// Whether the limb's box meets the other arm's in some of the lanes.
 #[inline(always)]
-fn meets<F: Float8>(limb: &PlacedLimb<F>, margin: F, low: &V3<F>, high: &V3<F>, among: Bits8) -> bool {
-    let need = limb.need + margin;
+fn meets<F: Float8>(limb: &PlacedLimb<F>, margin: F, (low, high): Bounds<'_, F>, among: Bits8) -> bool {
     let mut lanes = among;
     for k in 0..3 {
-        let (a, b) = (limb.axis.start[k], limb.axis.start[k] + limb.axis.along[k]);
-        lanes &= F::bits(F::both((a.min(b) - need).less(high[k]), low[k].less(a.max(b) + need)));
+        let (a, b) = (limb.low[k] - margin, limb.high[k] + margin);
+        lanes &= F::bits(F::both(a.less(high[k]), low[k].less(b)));
     }
     lanes != 0
 }
 
-/// Pairs of two arms.
+/// A box in each lane: low and high.
+pub(super) type Bounds<'a, F> = (&'a V3<F>, &'a V3<F>);
+
+/// Two arms in place: their limbs, and the box around those of each.
+pub(super) type Both<'a, F> = ((&'a [PlacedLimb<F>], &'a [PlacedLimb<F>]), Bounds<'a, F>, Bounds<'a, F>);
+
+/// Lanes of `active` in which the boxes of two arms meet.
+#[inline(always)]
+pub(super) fn boxes_meet<F: Float8>(
+    world: &CollisionWorld,
+    (low, high): Bounds<'_, F>,
+    (other_low, other_high): Bounds<'_, F>,
+    active: Bits8,
+) -> Bits8 {
+    let margin = F::splat(world.margin);
+    let mut all = low[0].less(other_high[0] + margin);
+    for k in 0..3 {
+        all = F::both(all, low[k].less(other_high[k] + margin));
+        all = F::both(all, other_low[k].less(high[k] + margin));
+    }
+    F::bits(all) & active
+}
+
+/// Pairs of two arms whose boxes meet in the lanes `among`.
 #[inline(always)]
 pub(super) fn between_arms<F: Float8>(
     world: &CollisionWorld,
     (first, second): (&Mover<'_>, &Mover<'_>),
-    (at, other): (&PlacedArm<F>, &PlacedArm<F>),
-    active: Bits8,
+    ((ours, others), bounds, other_bounds): Both<'_, F>,
+    among: Bits8,
     out: &mut Candidates,
 ) {
-    let margin = F::splat(world.margin);
-    let mut among = active;
-    for k in 0..3 {
-        let apart = F::both(at.low[k].less(other.high[k] + margin), other.low[k].less(at.high[k] + margin));
-        among &= F::bits(apart);
-    }
     if among == 0 {
         return;
     }
+    let margin = F::splat(world.margin);
     let mut theirs: SmallVec<[usize; 8]> = SmallVec::new();
-    for (index, limb) in other.limbs.iter().enumerate() {
-        if meets(limb, margin, &at.low, &at.high, among) {
+    for (index, limb) in others.iter().enumerate() {
+        if meets(limb, margin, bounds, among) {
             theirs.push(index);
         }
     }
     if theirs.is_empty() {
         return;
     }
-    for (index, limb) in at.limbs.iter().enumerate() {
-        if !meets(limb, margin, &other.low, &other.high, among) {
+    for (index, limb) in ours.iter().enumerate() {
+        if !meets(limb, margin, other_bounds, among) {
             continue;
         }
         for &their_index in &theirs {
-            let their = &other.limbs[their_index];
+            let their = &others[their_index];
             let need = limb.need + their.need + margin;
-            let squared = segment_segment_squared(&limb.axis, &their.axis);
+            let squared = segment_segment_squared(&limb.axis(), &their.axis());
             let lanes = F::bits(squared.less(need * need)) & among;
             if lanes != 0 {
                 push_arms(world, (first, second), (index, their_index), lanes, out);

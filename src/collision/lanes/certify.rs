@@ -3,43 +3,179 @@
 use smallvec::SmallVec;
 
 use super::broad::{self, Candidate, Candidates};
-use super::core::LaneStatic;
 use super::exact::Exact;
-use super::mover::{PlacedArm, Samples};
+use super::mover::Samples;
 use super::narrow::{Scenery, look};
-use crate::collision::world::{CollisionWorld, Mover, WorldAtom};
+use super::place::PlacedArm;
+use crate::collision::certify::{JointMotion, Stations};
+use crate::collision::world::{CollisionWorld, Mover, Resting};
 use crate::geometry::lanes::{Bits8, Float8, Kernel};
 
-/// With whom an arm is checked.
-#[derive(Clone, Copy)]
-pub(in crate::collision) enum Companion<'a> {
-    /// With itself, obstacles, and objects at rest.
-    Surroundings(&'a [WorldAtom], &'a [LaneStatic]),
-    /// With another arm.
-    Arm(&'a Mover<'a>),
+/// Answers to several questions.
+pub(in crate::collision) type Answers = SmallVec<[bool; 8]>;
+
+/// Whether each of some configurations is free of the arm itself, obstacles, and objects at rest.
+pub(in crate::collision) struct Configurations<'a> {
+    pub(in crate::collision) world: &'a CollisionWorld,
+    pub(in crate::collision) mover: &'a Mover<'a>,
+    pub(in crate::collision) around: &'a Resting,
+    pub(in crate::collision) configs: &'a [&'a [f64]],
 }
 
-/// A certification to be run by [`crate::geometry::lanes::InstructionSet::run`].
-pub(in crate::collision) struct Certification<'a> {
+/// Whether each of some motions over its span is free of the same.
+pub(in crate::collision) struct Motions<'a, 'm> {
+    pub(in crate::collision) world: &'a CollisionWorld,
+    pub(in crate::collision) mover: &'a Mover<'a>,
+    pub(in crate::collision) around: &'a Resting,
+    pub(in crate::collision) motions: &'m [&'m dyn JointMotion],
+}
+
+/// Whether two arms are apart over some span.
+pub(in crate::collision) struct Apart<'a> {
     pub(in crate::collision) world: &'a CollisionWorld,
     pub(in crate::collision) first: &'a Mover<'a>,
-    pub(in crate::collision) companion: Companion<'a>,
+    pub(in crate::collision) second: &'a Mover<'a>,
     /// Pieces to begin with, in order; at most eight.
     pub(in crate::collision) pieces: &'a [(f64, f64)],
-    /// Whether each piece is a question of its own; else the first contact ends all.
-    pub(in crate::collision) each: bool,
 }
 
-/// What came out.
-#[derive(Debug, Clone, Copy)]
-pub(in crate::collision) struct Outcome {
-    /// By piece, whether it is blocked; with `each` unset only whether any is.
-    pub(in crate::collision) blocked: Bits8,
+impl Kernel for Configurations<'_> {
+    type Output = Answers;
+
+    #[inline(always)]
+    fn run<F: Float8>(self) -> Answers {
+        let (world, mover) = (self.world, self.mover);
+        let scenery = Scenery { world, first: mover, second: None, resting: &self.around.lanes };
+        let stations = Stations(self.configs);
+        let mut exact = Exact::new(world, (mover, &stations), None, &self.around.atoms);
+        let mut samples = Samples::default();
+        let mut at = PlacedArm::<F>::room_for(&mover.lanes);
+        let mut candidates = Candidates::new();
+        let mut free = Answers::new();
+        for (batch, configs) in self.configs.chunks(8).enumerate() {
+            stations.sample_batch(8 * batch, &mut samples);
+            at.place(&mover.lanes, &samples, true, true);
+            let active = Bits8::MAX >> (8 - configs.len());
+            candidates.clear();
+            broad::with_world(world, mover, self.around, &at, active, &mut candidates);
+            broad::with_itself(world, mover, &at, active, &mut candidates);
+            let middles = std::array::from_fn(|lane| (8 * batch + lane) as f64);
+            let mut blocked: Bits8 = 0;
+            for candidate in &mut candidates {
+                candidate.lanes &= !blocked;
+                if candidate.lanes != 0 {
+                    blocked |= look(&scenery, candidate, (&at, None), &middles, &mut exact).blocked;
+                }
+            }
+            free.extend((0..configs.len()).map(|n| blocked >> n & 1 == 0));
+        }
+        free
+    }
+}
+
+impl Kernel for Motions<'_, '_> {
+    type Output = Answers;
+
+    #[inline(always)]
+    fn run<F: Float8>(self) -> Answers {
+        let (world, mover) = (self.world, self.mover);
+        let scenery = Scenery { world, first: mover, second: None, resting: &self.around.lanes };
+        let mut samples = Samples::default();
+        let mut at = PlacedArm::<F>::room_for(&mover.lanes);
+        let mut work = Work::new();
+        let mut free = Answers::from_elem(false, self.motions.len());
+        for (motion, free) in self.motions.iter().zip(&mut free) {
+            let mut exact = Exact::new(world, (mover, *motion), None, &self.around.atoms);
+            let still = motion.stands_still();
+            let (pieces, count) = eighths(motion.span(), still);
+            work.begin(&pieces[..count]);
+            let mut blocked = false;
+            while let Some(job) = work.next() {
+                let all = job.open.is_none();
+                motion.sample(&job.pieces, &mut samples);
+                at.place(&mover.lanes, &samples, all, still);
+                if all {
+                    broad::with_world(world, mover, self.around, &at, job.active, &mut work.candidates);
+                    broad::with_itself(world, mover, &at, job.active, &mut work.candidates);
+                } else {
+                    work.inherit(&job);
+                }
+                let middles = job.middles();
+                for candidate in &work.candidates {
+                    let found = look(&scenery, candidate, (&at, None), &middles, &mut exact);
+                    if found.blocked != 0 {
+                        blocked = true;
+                        break;
+                    }
+                    if found.open != 0 {
+                        work.stack.push(Candidate { lanes: found.open, ..*candidate });
+                    }
+                }
+                if blocked {
+                    break;
+                }
+                work.cut(&job);
+            }
+            *free = !blocked;
+        }
+        free
+    }
+}
+
+impl Kernel for Apart<'_> {
     /// An instant of contact.
-    pub(in crate::collision) at: Option<f64>,
+    type Output = Option<f64>;
+
+    #[inline(always)]
+    fn run<F: Float8>(self) -> Option<f64> {
+        let Self { world, first, second, pieces } = self;
+        let scenery = Scenery { world, first, second: Some(second), resting: &[] };
+        let still = first.motion.stands_still() && second.motion.stands_still();
+        let mut exact = Exact::new(world, (first, first.motion), Some((second, second.motion)), &[]);
+        let mut samples = Samples::default();
+        let mut at = PlacedArm::<F>::room_for(&first.lanes);
+        let mut other_at = PlacedArm::<F>::room_for(&second.lanes);
+        let mut work = Work::new();
+        work.begin(pieces);
+        while let Some(job) = work.next() {
+            let all = job.open.is_none();
+            first.motion.sample(&job.pieces, &mut samples);
+            at.place(&first.lanes, &samples, all, still);
+            second.motion.sample(&job.pieces, &mut samples);
+            other_at.place(&second.lanes, &samples, all, still);
+            if all {
+                let (boxes, others) = ((&at.low, &at.high), (&other_at.low, &other_at.high));
+                let among = broad::boxes_meet(world, boxes, others, job.active);
+                let limbs = (at.limbs(), other_at.limbs());
+                let placed = (limbs, boxes, others);
+                broad::between_arms(world, (first, second), placed, among, &mut work.candidates);
+            } else {
+                work.inherit(&job);
+            }
+            let middles = job.middles();
+            for candidate in &work.candidates {
+                let found = look(&scenery, candidate, (&at, Some(&other_at)), &middles, &mut exact);
+                if found.blocked != 0 {
+                    return Some(middles[found.blocked.trailing_zeros() as usize]);
+                }
+                if found.open != 0 {
+                    work.stack.push(Candidate { lanes: found.open, ..*candidate });
+                }
+            }
+            work.cut(&job);
+        }
+        None
+    }
+}
+
+/// A span in eight pieces, of which only the first counts where nothing moves.
+pub(in crate::collision) fn eighths((from, to): (f64, f64), still: bool) -> ([(f64, f64); 8], usize) {
+    let edge = |n: usize| from + (to - from) * n as f64 / 8.0;
+    (std::array::from_fn(|n| (edge(n), edge(n + 1))), if still { 1 } else { 8 })
 }
 
 /// Up to eight intervals and the pairs that are open in them.
+#[derive(Clone, Copy)]
 struct Job {
     pieces: [(f64, f64); 8],
     /// By lane, the lane of the job before that it comes from.
@@ -49,97 +185,71 @@ struct Job {
     open: Option<(usize, usize)>,
 }
 
-impl Kernel for Certification<'_> {
-    type Output = Outcome;
-
-    #[inline(always)]
-    fn run<F: Float8>(self) -> Outcome {
-        let world = self.world;
-        let (second, resting, resting_lanes) = match self.companion {
-            Companion::Surroundings(atoms, lanes) => (None, atoms, lanes),
-            Companion::Arm(other) => (Some(other), &[][..], &[][..]),
-        };
-        let scenery = Scenery { world, first: self.first, second, resting: resting_lanes };
-        let mut exact = Exact::new(world, self.first, second, resting);
-        let mut outcome = Outcome { blocked: 0, at: None };
-        let mut samples = Samples::default();
-        let mut at = PlacedArm::<F>::room_for(Some(&self.first.lanes));
-        let mut other_at = PlacedArm::<F>::room_for(second.map(|second| &second.lanes));
-        let mut candidates = Candidates::new();
-        let mut stack = Candidates::new();
-        let mut jobs: SmallVec<[Job; 4]> = SmallVec::new();
-        jobs.extend(Job::first(self.pieces));
-        while let Some(job) = jobs.pop() {
-            let all = job.open.is_none();
-            stack.truncate(job.open.map_or(0, |(_, end)| end));
-            self.first.motion.sample(&job.pieces, &mut samples);
-            self.first.lanes.place(&samples, all, &mut at);
-            if let Some(second) = second {
-                second.motion.sample(&job.pieces, &mut samples);
-                second.lanes.place(&samples, all, &mut other_at);
-            }
-            candidates.clear();
-            match (job.open, second) {
-                (Some((from, to)), _) => {
-                    for pair in &stack[from..to] {
-                        let lanes = job.inherited(pair.lanes);
-                        if lanes != 0 {
-                            candidates.push(Candidate { lanes, ..*pair });
-                        }
-                    }
-                }
-                (None, Some(second)) => {
-                    let movers = (self.first, second);
-                    broad::between_arms(world, movers, (&at, &other_at), job.active, &mut candidates);
-                }
-                (None, None) => {
-                    let statics = (resting, resting_lanes);
-                    broad::with_world(world, self.first, statics, &at, job.active, &mut candidates);
-                    broad::with_itself(world, self.first, &at, job.active, &mut candidates);
-                }
-            }
-            let middles = job.pieces.map(|(from, to)| (from + to) / 2.0);
-            let start = stack.len();
-            let mut open = 0;
-            for candidate in &candidates {
-                let mut candidate = *candidate;
-                if all && self.each {
-                    candidate.lanes &= !outcome.blocked;
-                }
-                if candidate.lanes == 0 {
-                    continue;
-                }
-                let found = look(&scenery, &candidate, (&at, &other_at), &middles, &mut exact);
-                if found.blocked != 0 {
-                    outcome.at.get_or_insert(middles[found.blocked.trailing_zeros() as usize]);
-                    outcome.blocked |= found.blocked;
-                    if !self.each {
-                        return outcome;
-                    }
-                }
-                if found.open != 0 {
-                    open |= found.open;
-                    stack.push(Candidate { lanes: found.open, ..candidate });
-                }
-            }
-            if open != 0 {
-                job.cut(open, (start, stack.len()), &mut jobs);
-            }
-        }
-        outcome
-    }
+/// Jobs that are still to be done, and pairs that are open in them.
+struct Work {
+    jobs: SmallVec<[Job; 4]>,
+    /// The pairs of the job at hand.
+    candidates: Candidates,
+    stack: Candidates,
+    /// From where in the stack on the job at hand leaves what it could not decide.
+    start: usize,
 }
 
-impl Job {
-    /// All pairs over `pieces`; `None` without any.
-    fn first(pieces: &[(f64, f64)]) -> Option<Self> {
-        let mut filled = [*pieces.first()?; 8];
+impl Work {
+    #[inline(always)]
+    fn new() -> Self {
+        Self { jobs: SmallVec::new(), candidates: Candidates::new(), stack: Candidates::new(), start: 0 }
+    }
+
+    /// All pairs over `pieces`.
+    #[inline(always)]
+    fn begin(&mut self, pieces: &[(f64, f64)]) {
+        self.jobs.clear();
+        self.stack.clear();
+        let Some(first) = pieces.first() else { return };
+        let mut filled = [*first; 8];
         let mut active = 0;
         for (lane, piece) in pieces.iter().take(8).enumerate() {
             filled[lane] = *piece;
             active |= 1 << lane;
         }
-        Some(Self { pieces: filled, from: [0; 8], active, open: None })
+        self.jobs.push(Job { pieces: filled, from: [0; 8], active, open: None });
+    }
+
+    /// The next job, the lists made ready for it.
+    #[inline(always)]
+    fn next(&mut self) -> Option<Job> {
+        let job = self.jobs.pop()?;
+        self.stack.truncate(job.open.map_or(0, |(_, end)| end));
+        self.start = self.stack.len();
+        self.candidates.clear();
+        Some(job)
+    }
+
+    /// Takes over the pairs that the job before left open.
+    fn inherit(&mut self, job: &Job) {
+        let (from, to) = job.open.unwrap_or_default();
+        for pair in &self.stack[from..to] {
+            let lanes = job.inherited(pair.lanes);
+            if lanes != 0 {
+                self.candidates.push(Candidate { lanes, ..*pair });
+            }
+        }
+    }
+
+    /// Cuts the lanes of `job` that are still open into jobs of their own.
+    #[inline(always)]
+    fn cut(&mut self, job: &Job) {
+        let open = self.stack[self.start..].iter().fold(0, |open, pair| open | pair.lanes);
+        if open != 0 {
+            job.cut(open, (self.start, self.stack.len()), &mut self.jobs);
+        }
+    }
+}
+
+impl Job {
+    fn middles(&self) -> [f64; 8] {
+        self.pieces.map(|(from, to)| (from + to) / 2.0)
     }
 
     /// Lanes that come from `lanes` of the job before.

@@ -2,7 +2,7 @@
 
 use crate::collision::atom::{Atom, Core};
 use crate::geometry::lanes::{
-    Bits8, Box8, Float8, Segment8, V3, box_box_gap, column_sum, dot3, segment_box_outside,
+    Bits8, Box8, Float8, Segment8, V3, box_box_gap, column_sum, dot3, lengths, segment_box_outside,
     segment_box_squared, segment_segment_squared, splat3, sub3,
 };
 use crate::geometry::{Pose, Vec3};
@@ -20,7 +20,9 @@ pub(super) enum LaneCore {
 pub(super) struct LaneCapsule {
     pub(super) start: [f32; 3],
     pub(super) along: [f32; 3],
-    pub(super) length: f32,
+    /// The squared length of the axis, and one over that, or something large for a point.
+    pub(super) square: f32,
+    pub(super) inverse: f32,
     pub(super) radius: f32,
 }
 
@@ -35,6 +37,59 @@ pub(in crate::collision) struct LaneStatic {
     pub(super) exact: bool,
 }
 
+/// The bounding boxes of up to eight cores that stand still, side by side.
+#[derive(Debug, Clone)]
+pub(in crate::collision) struct StaticBlock {
+    low: [[f32; 8]; 3],
+    high: [[f32; 8]; 3],
+    /// Their indices in the list from which they come.
+    indices: [u16; 8],
+    /// Which of the eight there are.
+    pub(super) there: Bits8,
+}
+
+impl StaticBlock {
+    /// Of those of `all` at `indices`, at most eight.
+    pub(super) fn new(indices: &[usize], all: &[LaneStatic]) -> Self {
+        // What is not there is nowhere.
+        let mut block =
+            Self { low: [[f32::INFINITY; 8]; 3], high: [[f32::NEG_INFINITY; 8]; 3], indices: [0; 8], there: 0 };
+        for (slot, &index) in indices.iter().take(8).enumerate() {
+            for k in 0..3 {
+                block.low[k][slot] = all[index].low[k];
+                block.high[k][slot] = all[index].high[k];
+            }
+            block.indices[slot] = index as u16;
+            block.there |= 1 << slot;
+        }
+        block
+    }
+
+    /// All of `all`, by eights.
+    pub(in crate::collision) fn all(all: &[LaneStatic]) -> Vec<Self> {
+        let indices: Vec<usize> = (0..all.len()).collect();
+        indices.chunks(8).map(|chunk| Self::new(chunk, all)).collect()
+    }
+
+    /// Which of the eight boxes meet the box from `low` to `high`.
+    #[inline(always)]
+    pub(super) fn meet<F: Float8>(&self, (low, high): &([f32; 3], [f32; 3])) -> Bits8 {
+        let mut all = F::splat(low[0]).less(F::load(&self.high[0]));
+        all = F::both(all, F::splat(low[1]).less(F::load(&self.high[1])));
+        all = F::both(all, F::splat(low[2]).less(F::load(&self.high[2])));
+        all = F::both(all, F::load(&self.low[0]).less(F::splat(high[0])));
+        all = F::both(all, F::load(&self.low[1]).less(F::splat(high[1])));
+        all = F::both(all, F::load(&self.low[2]).less(F::splat(high[2])));
+        F::bits(all)
+    }
+
+    /// The index of one of the eight in the list from which it comes.
+    #[inline(always)]
+    pub(super) fn index(&self, slot: u32) -> usize {
+        usize::from(self.indices[slot as usize])
+    }
+}
+
 /// Single precision, what is almost 0 exactly 0.
 pub(super) fn single(v: &Vec3) -> [f32; 3] {
     [v.x, v.y, v.z].map(|x| if x.abs() < 1e-12 { 0.0 } else { x as f32 })
@@ -42,10 +97,12 @@ pub(super) fn single(v: &Vec3) -> [f32; 3] {
 
 impl LaneCapsule {
     pub(super) fn new(a: &Vec3, b: &Vec3, radius: f64) -> Self {
+        let axis = lengths((b - a).norm() as f32);
         Self {
             start: single(a),
             along: single(&(b - a)),
-            length: (b - a).norm() as f32,
+            square: axis.0,
+            inverse: axis.1,
             radius: radius as f32,
         }
     }
@@ -60,7 +117,7 @@ impl LaneCapsule {
             ),
             None => (splat3(&self.start), splat3(&self.along)),
         };
-        Segment8::with_length(start, along, self.length)
+        Segment8 { start, along, square: F::splat(self.square), inverse: F::splat(self.inverse) }
     }
 }
 
@@ -79,6 +136,25 @@ impl LaneCore {
                     single(&column.map(|x: f64| if x.abs() < 1e-9 { 0.0 } else { x }))
                 });
                 Self::Box { centre: single(&pose.translation.vector), axes, half: single(half) }
+            }
+        }
+    }
+}
+
+impl LaneCore {
+    /// A capsule that holds the core.
+    pub(super) fn hull(&self) -> LaneCapsule {
+        match self {
+            Self::Capsule(capsule) => *capsule,
+            Self::Box { centre, axes, half } => {
+                // Along the longest edges; the caps stand beyond the ends.
+                let longest = (0..3).fold(0, |best, k| if half[k] > half[best] { k } else { best });
+                let (u, v) = ((longest + 1) % 3, (longest + 2) % 3);
+                let double = |v: &[f32; 3]| Vec3::new(v[0].into(), v[1].into(), v[2].into());
+                let along = double(&axes[longest]) * f64::from(half[longest]);
+                let radius = f64::from(half[u]).hypot(half[v].into());
+                let centre = double(centre);
+                LaneCapsule::new(&(centre - along), &(centre + along), radius * (1.0 + 1e-6) + 1e-7)
             }
         }
     }
@@ -178,16 +254,16 @@ impl LaneStatic {
         Self { core, aligned, low, high, exact: atom.core_is_exact }
     }
 
-    /// Lanes in which the box from `low` to `high` meets this one's.
+    /// Lanes of `among` in which the box from `low` to `high`, grown by `margin` (m), meets this one's.
     #[inline(always)]
-    pub(super) fn meets<F: Float8>(&self, low: &V3<F>, high: &V3<F>) -> Bits8 {
-        let mut all = low[0].less(F::splat(self.high[0]));
-        all = F::both(all, low[1].less(F::splat(self.high[1])));
-        all = F::both(all, low[2].less(F::splat(self.high[2])));
-        all = F::both(all, F::splat(self.low[0]).less(high[0]));
-        all = F::both(all, F::splat(self.low[1]).less(high[1]));
-        all = F::both(all, F::splat(self.low[2]).less(high[2]));
-        F::bits(all)
+    pub(super) fn meets<F: Float8>(&self, low: &V3<F>, high: &V3<F>, margin: F, among: Bits8) -> Bits8 {
+        let mut all = low[0].less(F::splat(self.high[0]) + margin);
+        all = F::both(all, low[1].less(F::splat(self.high[1]) + margin));
+        all = F::both(all, low[2].less(F::splat(self.high[2]) + margin));
+        all = F::both(all, (F::splat(self.low[0]) - margin).less(high[0]));
+        all = F::both(all, (F::splat(self.low[1]) - margin).less(high[1]));
+        all = F::both(all, (F::splat(self.low[2]) - margin).less(high[2]));
+        F::bits(all) & among
     }
 
     /// Lanes of `among` in which the core is within `need` (m) of the segment.

@@ -1,11 +1,14 @@
 //! All arms at once: each placed once for eight pieces of an edge, then every pair.
 
+use smallvec::SmallVec;
+
 use super::broad::{self, Candidates};
 use super::exact::Exact;
-use super::mover::{PlacedArm, Samples};
+use super::mover::Samples;
 use super::narrow::{Scenery, look};
+use super::place::{PlacedArm, PlacedLimb};
 use crate::collision::world::{CollisionWorld, Mover};
-use crate::geometry::lanes::{Bits8, Float8, Kernel};
+use crate::geometry::lanes::{Bits8, Float8, Kernel, V3};
 
 /// How a pair of an ensemble stands after the first look.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -43,37 +46,50 @@ impl Kernel for Ensemble<'_> {
             active |= 1 << lane;
         }
         let middles = pieces.map(|(from, to)| (from + to) / 2.0);
+        // Of each arm only what the coarse look needs is kept; the few that need a closer one are
+        // placed again.
+        let Some(most) = self.movers.iter().map(|mover| mover.lanes.limb_count()).max() else { return found };
+        let mut limbs: Vec<PlacedLimb<F>> = Vec::with_capacity(self.movers.len() * most);
+        let mut arms: SmallVec<[(usize, V3<F>, V3<F>); 16]> = SmallVec::new();
         let mut samples = Samples::default();
-        let mut placed: Vec<PlacedArm<F>> = Vec::with_capacity(self.movers.len());
-        for mover in self.movers {
-            mover.motion.sample(&pieces, &mut samples);
-            placed.push(PlacedArm::room_for(Some(&mover.lanes)));
-            if let Some(at) = placed.last_mut() {
-                mover.lanes.place(&samples, true, at);
-            }
-        }
         let mut candidates = Candidates::new();
+        let Some(any) = self.movers.first() else { return found };
+        let mut at = PlacedArm::<F>::room_for(&any.lanes);
+        for mover in self.movers {
+            at.fit(&mover.lanes);
+            mover.motion.sample(&pieces, &mut samples);
+            at.place(&mover.lanes, &samples, true, false);
+            arms.push((limbs.len(), at.low, at.high));
+            limbs.extend_from_slice(at.limbs());
+        }
+        let limbs_of = |arm: usize| {
+            let to = arms.get(arm + 1).map_or(limbs.len(), |next| next.0);
+            &limbs[arms[arm].0..to]
+        };
+        let mut closer: Closer<F> = Closer { arms: SmallVec::from_elem(None, self.movers.len()), placed: Vec::new() };
         for (i, first) in self.movers.iter().enumerate() {
             for (j, second) in self.movers.iter().enumerate().skip(i + 1) {
                 if self.still[i] && self.still[j] {
                     continue;
                 }
+                let (bounds, others) = ((&arms[i].1, &arms[i].2), (&arms[j].1, &arms[j].2));
+                let among = broad::boxes_meet(world, bounds, others, active);
+                if among == 0 {
+                    continue;
+                }
                 candidates.clear();
-                broad::between_arms(
-                    world,
-                    (first, second),
-                    (&placed[i], &placed[j]),
-                    active,
-                    &mut candidates,
-                );
+                let placed = ((limbs_of(i), limbs_of(j)), bounds, others);
+                broad::between_arms(world, (first, second), placed, among, &mut candidates);
                 if candidates.is_empty() {
                     continue;
                 }
                 let scenery = Scenery { world, first, second: Some(second), resting: &[] };
-                let mut exact = Exact::new(world, first, Some(second), &[]);
+                let mut exact = Exact::new(world, (first, first.motion), Some((second, second.motion)), &[]);
+                let (x, y) = (closer.place(i, first, &pieces), closer.place(j, second, &pieces));
+                let at = (&closer.placed[x], Some(&closer.placed[y]));
                 let mut open = 0;
                 for candidate in &candidates {
-                    let seen = look(&scenery, candidate, (&placed[i], &placed[j]), &middles, &mut exact);
+                    let seen = look(&scenery, candidate, at, &middles, &mut exact);
                     if seen.blocked != 0 {
                         found.push(PairLook { pair: (i, j), blocked: true });
                         return found;
@@ -86,5 +102,29 @@ impl Kernel for Ensemble<'_> {
             }
         }
         found
+    }
+}
+
+/// Arms that were placed for a closer look.
+struct Closer<F> {
+    /// By mover, where it is among those.
+    arms: SmallVec<[Option<usize>; 16]>,
+    placed: Vec<PlacedArm<F>>,
+}
+
+impl<F: Float8> Closer<F> {
+    /// Where the mover with this number is among those placed.
+    #[inline(always)]
+    fn place(&mut self, number: usize, mover: &Mover<'_>, pieces: &[(f64, f64); 8]) -> usize {
+        if let Some(known) = self.arms[number] {
+            return known;
+        }
+        let mut samples = Samples::default();
+        mover.motion.sample(pieces, &mut samples);
+        self.placed.push(PlacedArm::room_for(&mover.lanes));
+        let last = self.placed.len() - 1;
+        self.placed[last].place(&mover.lanes, &samples, false, false);
+        self.arms[number] = Some(last);
+        last
     }
 }

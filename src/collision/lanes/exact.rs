@@ -2,23 +2,26 @@
 
 use super::broad::Target;
 use crate::collision::atom::Atom;
-use crate::collision::certify::BodyIndex;
+use crate::collision::certify::{BodyIndex, JointMotion};
 use crate::collision::world::{CollisionWorld, Mover, WorldAtom};
 use crate::geometry::Pose;
 
 /// Links of the movers at the last instant that was asked about.
 pub(super) struct Exact<'a> {
     world: &'a CollisionWorld,
-    movers: [Option<&'a Mover<'a>>; 2],
+    movers: [Option<Moving<'a>>; 2],
     resting: &'a [WorldAtom],
     links: [(f64, Vec<Pose>); 2],
 }
 
+/// A mover and its motion.
+type Moving<'a> = (&'a Mover<'a>, &'a dyn JointMotion);
+
 impl<'a> Exact<'a> {
     pub(super) fn new(
         world: &'a CollisionWorld,
-        first: &'a Mover<'a>,
-        second: Option<&'a Mover<'a>>,
+        first: Moving<'a>,
+        second: Option<Moving<'a>>,
         resting: &'a [WorldAtom],
     ) -> Self {
         let links = [(f64::NAN, Vec::new()), (f64::NAN, Vec::new())];
@@ -46,11 +49,11 @@ impl<'a> Exact<'a> {
 
     /// An atom and where its body stands at `s`.
     fn body(&mut self, mover: usize, index: BodyIndex, s: f64) -> Option<(&'a Atom, Pose)> {
-        let arm = self.movers[mover]?;
+        let (arm, motion) = self.movers[mover]?;
         let model = &self.world.workcell.arms[arm.arm.0].model;
         let (last, links) = &mut self.links[mover];
         if *last != s {
-            model.link_poses(&arm.motion.at(s), links);
+            model.link_poses(&motion.at(s), links);
             *last = s;
         }
         let own = &arm.bodies.atoms;

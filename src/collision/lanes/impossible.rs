@@ -4,11 +4,11 @@
 
 use smallvec::SmallVec;
 
-use super::arm::{LaneAtom, Row, UNMOVED, relative};
+use super::arm::{LaneAtom, Row, UNMOVED};
 use super::core::separation;
-use super::mover::motion_bound;
+use super::place::motion_bound;
 use crate::geometry::lanes::{Float8, Kernel};
-use crate::kinematics::{Frame8, Frames8, JointLimits, MovingFrames};
+use crate::kinematics::{Frame8, JointLimits, MovingFrames};
 
 /// Boxes that are cut before a proof is given up.
 const GREATEST_CUTS: usize = 80;
@@ -20,6 +20,8 @@ const HALF_TURN: f64 = std::f64::consts::PI;
 pub(super) struct NeverTouch<'a> {
     pub(super) frames: &'a MovingFrames,
     pub(super) pair: (&'a LaneAtom, &'a LaneAtom),
+    /// How joints move them against each other.
+    pub(super) levers: &'a Row,
     pub(super) limits: &'a [JointLimits],
     /// By joint, whether a whole turn of it brings back all that it moves.
     pub(super) turns: &'a [bool],
@@ -61,11 +63,9 @@ impl Kernel for NeverTouch<'_> {
     #[inline(always)]
     fn run<F: Float8>(self) -> bool {
         let (a, b) = self.pair;
-        let levers = relative(&a.levers, &b.levers);
-        let Some(all) = self.all(&levers) else { return false };
-        let zero = [F::splat(0.0); 3];
-        let frame = Frame8 { axes: [zero; 3], origin: zero };
-        let mut frames: Frames8<F> = SmallVec::from_buf_and_len([frame; 8], self.frames.len().min(8));
+        let levers = self.levers;
+        let Some(all) = self.all(levers) else { return false };
+        let mut frames = vec![Frame8::<F>::zero(); self.frames.len()];
         let mut open = vec![all];
         let mut cuts = 0;
         while let Some(values) = open.pop() {
@@ -93,7 +93,7 @@ impl Kernel for NeverTouch<'_> {
             self.frames.place(&q, &mut frames);
             let placed = (&a.core, a.frame.map(|frame| &frames[frame]));
             let apart = separation(placed, (&b.core, b.frame.map(|frame| &frames[frame])));
-            let bound = motion_bound(&levers, &deviations) + F::splat(self.margin);
+            let bound = motion_bound(levers, &deviations) + F::splat(self.margin);
             if F::bits(apart.less(F::splat(self.margin))) != 0 {
                 return false;
             }

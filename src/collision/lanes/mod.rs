@@ -17,13 +17,15 @@ mod impossible;
 mod limb;
 mod mover;
 mod narrow;
+mod place;
+mod tight;
 
 #[cfg(test)]
 mod tests;
 
 pub(super) use arm::LaneArm;
-pub(super) use certify::{Certification, Companion, Outcome};
-pub(super) use core::LaneStatic;
+pub(super) use certify::{Answers, Apart, Configurations, Motions, eighths};
+pub(super) use core::{LaneStatic, StaticBlock};
 pub(super) use ensemble::Ensemble;
 pub use mover::Samples;
 pub(super) use mover::{LaneHeld, LaneMover};

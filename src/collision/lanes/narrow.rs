@@ -1,10 +1,11 @@
 //! The closer look at one pair of atoms in eight lanes.
 
-use super::arm::UNMOVED;
+use super::arm::{UNMOVED, relative_lever};
 use super::broad::{Candidate, Target};
 use super::core::{Carried, LaneCore, LaneStatic, separation};
 use super::exact::Exact;
-use super::mover::{PlacedArm, motion_bound};
+use super::place::{PlacedArm, motion_bound};
+use super::tight;
 use crate::collision::UNDECIDED_MOTION;
 use crate::collision::world::{CollisionWorld, Mover};
 use crate::geometry::lanes::{Bits8, Float8};
@@ -30,16 +31,19 @@ pub(super) struct Look {
 pub(super) fn look<F: Float8>(
     scenery: &Scenery<'_>,
     candidate: &Candidate,
-    at: (&PlacedArm<F>, &PlacedArm<F>),
+    at: (&PlacedArm<F>, Option<&PlacedArm<F>>),
     middles: &[f64; 8],
     exact: &mut Exact<'_>,
 ) -> Look {
     let world = scenery.world;
     let first = &scenery.first.lanes;
     let ours = first.atom(candidate.a);
-    let placed: Carried<'_, F> = (&ours.core, ours.frame.map(|frame| &at.0.frames[frame]));
+    let placed: Carried<'_, F> = (&ours.core, ours.frame.map(|frame| &at.0.frames()[frame]));
     let (other, bound, both_exact, both_boxes): (Carried<'_, F>, F, bool, bool);
     let box_a = matches!(ours.core, LaneCore::Box { .. });
+    let still = F::splat(0.0);
+    // The other body where it is the arm's own, and another arm's.
+    let (mut own_other, mut far_other) = (None, None);
     match candidate.target {
         Target::World(index) => {
             let index = usize::from(index);
@@ -48,37 +52,65 @@ pub(super) fn look<F: Float8>(
                 None => &scenery.resting[index - world.lane_obstacles.len()],
             };
             other = (fixed.core(), None);
-            bound = motion_bound(&ours.levers, &at.0.deviations);
+            bound = if at.0.still { still } else { motion_bound(&ours.levers, &at.0.deviations) };
             both_exact = ours.exact && fixed.exact;
             both_boxes = box_a && fixed.is_box();
         }
         Target::Itself(b) => {
             let theirs = first.atom(b);
-            other = (&theirs.core, theirs.frame.map(|frame| &at.0.frames[frame]));
-            let mut sum = F::splat(0.0);
-            for ((x, y), deviation) in ours.levers.iter().zip(&theirs.levers).zip(&at.0.deviations) {
-                if (*x == UNMOVED) != (*y == UNMOVED) {
-                    sum = F::splat(x.max(*y)).mul_add(*deviation, sum);
+            other = (&theirs.core, theirs.frame.map(|frame| &at.0.frames()[frame]));
+            let mut sum = still;
+            if !at.0.still {
+                for (joint, deviation) in at.0.deviations.iter().enumerate() {
+                    let (x, y) = (ours.levers[joint], theirs.levers[joint]);
+                    let lever = relative_lever(x, y, first.arm.several[joint]);
+                    if lever != UNMOVED {
+                        sum = F::splat(lever).mul_add(*deviation, sum);
+                    }
                 }
             }
             bound = sum;
+            own_other = Some(theirs);
             both_exact = ours.exact && theirs.exact;
             both_boxes = box_a && matches!(theirs.core, LaneCore::Box { .. });
         }
         Target::Other(b) => {
-            let Some(second) = scenery.second else { return Look { open: 0, blocked: candidate.lanes } };
+            let (Some(second), Some(other_at)) = (scenery.second, at.1) else {
+                return Look { open: 0, blocked: candidate.lanes };
+            };
             let theirs = second.lanes.atom(b);
-            other = (&theirs.core, theirs.frame.map(|frame| &at.1.frames[frame]));
-            bound =
-                motion_bound(&ours.levers, &at.0.deviations) + motion_bound(&theirs.levers, &at.1.deviations);
+            other = (&theirs.core, theirs.frame.map(|frame| &other_at.frames()[frame]));
+            bound = motion_bound(&ours.levers, &at.0.deviations)
+                + motion_bound(&theirs.levers, &other_at.deviations);
+            far_other = Some((&second.lanes, theirs, other_at));
             both_exact = ours.exact && theirs.exact;
             both_boxes = box_a && matches!(theirs.core, LaneCore::Box { .. });
         }
     }
     let apart = separation(placed, other);
-    let failing = F::bits(apart.less(bound + F::splat(world.margin))) & candidate.lanes;
+    let margin = F::splat(world.margin);
+    let mut failing = F::bits(apart.less(bound + margin)) & candidate.lanes;
     if failing == 0 {
         return Look { open: 0, blocked: 0 };
+    }
+    let mut bound = bound;
+    if !at.0.still {
+        let frames = &first.arm.frames;
+        let now = match (own_other, far_other) {
+            (Some(theirs), _) => {
+                tight::relative_motion(frames, at.0, (placed, ours.frame), (other, theirs.frame))
+            }
+            (None, Some((second, theirs, other_at))) => {
+                tight::motion(frames, at.0, placed, ours.frame)
+                    + tight::motion(&second.arm.frames, other_at, other, theirs.frame)
+            }
+            (None, None) => tight::motion(frames, at.0, placed, ours.frame),
+        };
+        bound = bound.min(now);
+        failing &= F::bits(apart.less(bound + margin));
+        if failing == 0 {
+            return Look { open: 0, blocked: 0 };
+        }
     }
     decide(
         world,

@@ -47,6 +47,11 @@ pub trait Float8:
     /// Sine and cosine from those of the angle less `quarters` (whole numbers) right angles.
     fn turn_quarters(quarters: Self, sine: Self, cosine: Self) -> (Self, Self);
 
+    /// The least of the eight.
+    fn least(self) -> f32;
+    /// The greatest of the eight.
+    fn greatest(self) -> f32;
+
     /// The number moved into `[low, high]`.
     #[inline(always)]
     fn clamp(self, low: Self, high: Self) -> Self {

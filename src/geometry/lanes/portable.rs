@@ -163,4 +163,22 @@ impl Float8 for Portable {
         }
         out
     }
+
+    #[inline(always)]
+    fn least(self) -> f32 {
+        let mut least = self.0[0];
+        for i in 1..8 {
+            least = if self.0[i] < least { self.0[i] } else { least };
+        }
+        least
+    }
+
+    #[inline(always)]
+    fn greatest(self) -> f32 {
+        let mut greatest = self.0[0];
+        for i in 1..8 {
+            greatest = if self.0[i] > greatest { self.0[i] } else { greatest };
+        }
+        greatest
+    }
 }

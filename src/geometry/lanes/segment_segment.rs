@@ -30,9 +30,15 @@ impl<F: Float8> Segment8<F> {
     /// The same where the length (m) is known, all lanes alike.
     #[inline(always)]
     pub fn with_length(start: V3<F>, along: V3<F>, length: f32) -> Self {
-        let square = length * length;
-        Self { start, along, square: F::splat(square), inverse: F::splat(1.0 / square.max(TINY)) }
+        let (square, inverse) = lengths(length);
+        Self { start, along, square: F::splat(square), inverse: F::splat(inverse) }
     }
+}
+
+/// The squared length (m^2) of a segment of this length (m), and one over that.
+pub fn lengths(length: f32) -> (f32, f32) {
+    let square = length * length;
+    (square, 1.0 / square.max(TINY))
 }
 
 /// Squared distance (m^2) between two segments, either of which may be a point.

@@ -3,6 +3,7 @@
 
 use nalgebra::{Matrix3, Rotation3, Unit};
 
+use super::arctangent::atan2;
 use crate::geometry::Vec3;
 
 /// Below this sine of the middle angle the outer two angles are not told apart (the rotation is
@@ -52,11 +53,11 @@ impl AxisTriple {
         let sine = (m[(0, 2)] * m[(0, 2)] + m[(1, 2)] * m[(1, 2)]).sqrt();
         if sine < SINGULAR_SINE {
             let (s, c) = hold.sin_cos();
-            let middle = f64::atan2(c * m[(0, 2)] + s * m[(1, 2)], m[(2, 2)]);
+            let middle = atan2(c * m[(0, 2)] + s * m[(1, 2)], m[(2, 2)]);
             return [[hold, middle - self.shift, third(m, c, s)]; 2];
         }
         let (c, s) = (m[(0, 2)] / sine, m[(1, 2)] / sine);
-        let (first, middle, third) = (s.atan2(c), sine.atan2(m[(2, 2)]), third(m, c, s));
+        let (first, middle, third) = (atan2(s, c), atan2(sine, m[(2, 2)]), third(m, c, s));
         [[first, middle - self.shift, third], [opposite(first), -middle - self.shift, opposite(third)]]
     }
 }
@@ -64,7 +65,7 @@ impl AxisTriple {
 /// The third angle, from what the first (cosine `c`, sine `s`) leaves over: exact near the
 /// singularity, too.
 fn third(m: &Matrix3<f64>, c: f64, s: f64) -> f64 {
-    f64::atan2(c * m[(1, 0)] - s * m[(0, 0)], c * m[(1, 1)] - s * m[(0, 1)])
+    atan2(c * m[(1, 0)] - s * m[(0, 0)], c * m[(1, 1)] - s * m[(0, 1)])
 }
 
 /// Half a turn on, kept within a turn about 0.

@@ -3,8 +3,10 @@
 //! Which solver an arm gets is decided once, from the geometry of its axes.
 
 mod angles;
+mod arctangent;
 mod euler;
 mod numeric;
+mod offset_seven;
 mod redundant;
 mod six;
 mod spherical_seven;
@@ -15,6 +17,7 @@ use super::{ArmModel, Config, JointLimits};
 use crate::geometry::Pose;
 use crate::run::{Rng, Seed};
 use numeric::Descent;
+use offset_seven::OffsetSeven;
 use six::SixAxes;
 use spherical_seven::SphericalSeven;
 
@@ -26,6 +29,8 @@ pub(super) struct Solver(Structure);
 enum Structure {
     /// Spherical shoulder, revolute elbow, spherical wrist.
     SphericalSeven(Box<SphericalSeven>),
+    /// Spherical shoulder, revolute elbow, the last axis beside the point where the two before meet.
+    OffsetSeven(Box<OffsetSeven>),
     /// Six joints, with a spherical wrist or like the UR arms.
     Six(Box<SixAxes>),
     /// Any other chain.
@@ -36,8 +41,9 @@ impl Solver {
     /// The solver for `chain`.
     pub fn new(chain: &Chain) -> Self {
         let seven = || SphericalSeven::detect(chain).map(|seven| Structure::SphericalSeven(Box::new(seven)));
+        let offset = || OffsetSeven::detect(chain).map(|seven| Structure::OffsetSeven(Box::new(seven)));
         let six = || SixAxes::detect(chain).map(|six| Structure::Six(Box::new(six)));
-        Self(seven().or_else(six).unwrap_or(Structure::Other))
+        Self(seven().or_else(offset).or_else(six).unwrap_or(Structure::Other))
     }
 }
 
@@ -46,6 +52,8 @@ impl Solver {
 pub enum InverseMethod {
     /// Closed form for 7R arms with spherical shoulder and wrist.
     SphericalSeven,
+    /// Closed form for 7R arms with a spherical shoulder, given the last joint (Franka Emika's type).
+    OffsetSeven,
     /// Closed form for 6R arms with parallel axes 2 and 3 and a spherical wrist.
     SphericalSix,
     /// Closed form for 6R arms with parallel axes 2, 3 and 4 whose last two axes meet (UR type).
@@ -59,6 +67,7 @@ impl ArmModel {
     pub fn inverse_method(&self) -> InverseMethod {
         match &self.solver.0 {
             Structure::SphericalSeven(_) => InverseMethod::SphericalSeven,
+            Structure::OffsetSeven(_) => InverseMethod::OffsetSeven,
             Structure::Six(six) if six.has_spherical_wrist() => InverseMethod::SphericalSix,
             Structure::Six(_) => InverseMethod::ParallelSix,
             Structure::Other => InverseMethod::Numeric,
@@ -69,7 +78,8 @@ impl ArmModel {
     /// `limits` (one per joint) that bring the mount link to `target`, its pose in the root link's
     /// frame. They are spread over the branches and, for redundant arms, over the free motion.
     ///
-    /// In closed form an empty result means that there is none. Of a joint's values a whole turn
+    /// In closed form an empty result means that there is none, except where the last joint of
+    /// [`InverseMethod::OffsetSeven`] is sampled: a narrow range of it may be missed. Of a joint's values a whole turn
     /// apart only the one nearest to 0 is given.
     pub fn inverse(
         &self,
@@ -85,6 +95,7 @@ impl ArmModel {
         }
         match &self.solver.0 {
             Structure::SphericalSeven(seven) => seven.spread(limits, target, max_solutions, rng, out),
+            Structure::OffsetSeven(seven) => seven.spread(limits, target, max_solutions, rng, out),
             Structure::Six(six) => six.spread(limits, target, max_solutions, rng, out),
             Structure::Other => self.descent(limits, target).spread(max_solutions, rng, out),
         }
@@ -107,6 +118,9 @@ impl ArmModel {
         let q = match &self.solver.0 {
             Structure::SphericalSeven(seven) => {
                 return seven.near(limits, target, seed.try_into().ok()?, max_step);
+            }
+            Structure::OffsetSeven(seven) => {
+                return seven.near(&self.descent(limits, target), seed.try_into().ok()?, max_step);
             }
             Structure::Six(six) => six.closest(limits, target, seed.try_into().ok()?, &[1.0; 6])?,
             Structure::Other => {
@@ -136,6 +150,9 @@ impl ArmModel {
         }
         match &self.solver.0 {
             Structure::SphericalSeven(seven) => {
+                seven.closest(limits, target, reference.try_into().ok()?, weights)
+            }
+            Structure::OffsetSeven(seven) => {
                 seven.closest(limits, target, reference.try_into().ok()?, weights)
             }
             Structure::Six(six) => six.closest(limits, target, reference.try_into().ok()?, weights),

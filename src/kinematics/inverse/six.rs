@@ -5,13 +5,13 @@
 //! On axes in space: joints 2 and 3 (and 4) leave the component along their common direction
 //! as it is, which gives joint 1 alone; the rest splits into turns about single axes.
 
-use nalgebra::{Matrix3, Rotation3, Unit};
+use nalgebra::Matrix3;
 use smallvec::SmallVec;
 
 use super::angles::{fit, neutral, weighted_square};
 use super::euler::AxisTriple;
 use super::spherical_seven::common_point;
-use super::subproblems::{turn_onto, turns_to_component};
+use super::subproblems::{Turn, turn_onto, turns_to_component};
 use crate::geometry::{Pose, Vec3};
 use crate::kinematics::chain::Chain;
 use crate::kinematics::{Config, JointLimits};
@@ -29,7 +29,7 @@ pub(super) type Solutions = SmallVec<[[f64; 6]; 8]>;
 /// The structure of such an arm; everything in the root frame at zero.
 #[derive(Debug, Clone)]
 pub(super) struct SixAxes {
-    axes: [Unit<Vec3>; 6],
+    axes: [Vec3; 6],
     /// A point on each axis.
     points: [Vec3; 6],
     /// The mount frame.
@@ -80,7 +80,7 @@ impl SixAxes {
             None => return None,
         };
         Some(Self {
-            axes: std::array::from_fn(|index| Unit::new_normalize(lines[index].0)),
+            axes: std::array::from_fn(|index| lines[index].0.normalize()),
             points: std::array::from_fn(|index| lines[index].1),
             mount: chain.mount_pose(&[0.0; 6]),
             wrist,
@@ -100,7 +100,7 @@ impl SixAxes {
         let rotation = *goal.rotation.to_rotation_matrix().matrix();
         let motion = |point: &Vec3| rotation * point + goal.translation.vector;
         let mut out = Solutions::new();
-        let common = self.axes[1].into_inner();
+        let common = self.axes[1];
         let fixed = match &self.wrist {
             Wrist::Spherical { centre, .. } => centre,
             Wrist::Parallel(wrist) => &wrist.meeting,
@@ -110,14 +110,17 @@ impl SixAxes {
         let component = common.dot(&(fixed - self.points[0]));
         // Joint 1 turns the point back; then its component along the common axis is as at zero.
         for back in turns_to_component(&self.axes[0], &from_first, &common, component, -hold[0]) {
-            let first = -back;
-            let unturn = self.turn(0, back);
+            let unturn = back.about(&self.axes[0]);
+            let first = back.back().angle();
             let turned_back = unturn * from_first + self.points[0];
             match &self.wrist {
                 Wrist::Spherical { centre, triple } => {
-                    for [second, third] in self.bend(centre, &turned_back, hold) {
-                        let before = self.turn(0, first) * self.turn(1, second) * self.turn(2, third);
+                    for [second, third] in self.bend(centre, &turned_back, hold).into_iter().flatten() {
+                        let before = unturn.transpose()
+                            * second.about(&self.axes[1])
+                            * third.about(&self.axes[2]);
                         let m = (before * triple.frame).transpose() * rotation * triple.end;
+                        let (second, third) = (second.angle(), third.angle());
                         for [d, e, f] in triple.angles(&m, hold[3]) {
                             out.push([first, second, third, d, e, f]);
                         }
@@ -144,52 +147,54 @@ impl SixAxes {
         hold: &[f64; 6],
         out: &mut Solutions,
     ) {
-        let common = self.axes[1].into_inner();
-        let last = self.axes[5].into_inner();
+        let common = self.axes[1];
+        let last = self.axes[5];
         let component = common.dot(&(rest * last));
         let from = rest.transpose() * common;
+        let side = common.cross(&least_aligned(&common));
         let fifths = turns_to_component(&self.axes[4], &last, &common, component, hold[4]);
-        for (fifth, side) in fifths.into_iter().zip([1.0, -1.0]) {
-            let mut to = self.turn(4, fifth).transpose() * common;
-            if last.cross(&to).norm() < NEAR_SINGULAR {
+        for (fifth, sense) in fifths.into_iter().zip([1.0, -1.0]) {
+            let mut to = fifth.back().apply(&self.axes[4], &common);
+            if last.cross(&to).norm_squared() < NEAR_SINGULAR * NEAR_SINGULAR {
                 // Axis 6 is all but parallel to the common direction, where a cosine does not tell
                 // the fifth angle well; which way it tilts is still clear.
-                to = self.turn(4, fifth + side * NEAR_SINGULAR).transpose() * common;
+                let tilted = Turn::by(fifth.angle() + sense * NEAR_SINGULAR);
+                to = tilted.back().apply(&self.axes[4], &common);
             }
-            let sixth = turn_onto(&last, &from, &to).unwrap_or(hold[5]);
-            let of_sixth = self.turn(5, sixth);
-            let fifth = turn_onto(&self.axes[4], &(of_sixth * from), &common).unwrap_or(fifth);
-            let of_fifth = self.turn(4, fifth);
+            let sixth = turn_onto(&last, &from, &to).unwrap_or_else(|| Turn::by(hold[5]));
+            let fifth = turn_onto(&self.axes[4], &sixth.apply(&last, &from), &common).unwrap_or(fifth);
             // What joints 2 to 4 have to do: x -> planar x + offset.
-            let planar = rest * of_sixth.transpose() * of_fifth.transpose();
-            let offset = rest * meeting + shift - planar * meeting;
+            let planar = rest * (fifth.about(&self.axes[4]) * sixth.about(&last)).transpose();
             let wrist = &self.points[3];
-            let side = common.cross(&least_aligned(&common));
             let Some(total) = turn_onto(&common, &side, &(planar * side)) else { continue };
-            for [second, third] in self.bend(wrist, &(planar * wrist + offset), hold) {
+            let goal = planar * (wrist - meeting) + rest * meeting + shift;
+            let bends = self.bend(wrist, &goal, hold);
+            if bends == [None, None] {
+                continue;
+            }
+            let (fifth, sixth, total) = (fifth.angle(), sixth.angle(), total.angle());
+            for [second, third] in bends.into_iter().flatten() {
+                let (second, third) = (second.angle(), third.angle());
                 let fourth = sign4 * (total - second - sign3 * third);
                 out.push([first, second, third, fourth, fifth, sixth]);
             }
         }
     }
 
-    /// Angles of joints 2 and 3 that bring `point` to `goal`.
-    fn bend(&self, point: &Vec3, goal: &Vec3, hold: &[f64; 6]) -> SmallVec<[[f64; 2]; 2]> {
+    /// Turns of joints 2 and 3 that bring `point` to `goal`, at most two ways.
+    fn bend(&self, point: &Vec3, goal: &Vec3, hold: &[f64; 6]) -> [Option<[Turn; 2]>; 2] {
         let upper = self.points[2] - self.points[1];
         let lower = point - self.points[2];
         let way = goal - self.points[1];
         let product = (way.norm_squared() - upper.norm_squared() - lower.norm_squared()) / 2.0;
-        turns_to_component(&self.axes[2], &lower, &upper, product, hold[2])
-            .into_iter()
-            .map(|third| {
-                let bent = upper + self.turn(2, third) * lower;
-                [turn_onto(&self.axes[1], &bent, &way).unwrap_or(hold[1]), third]
-            })
-            .collect()
-    }
-
-    fn turn(&self, joint: usize, angle: f64) -> Matrix3<f64> {
-        *Rotation3::from_axis_angle(&self.axes[joint], angle).matrix()
+        let mut bends = [None; 2];
+        let thirds = turns_to_component(&self.axes[2], &lower, &upper, product, hold[2]);
+        for (third, bend) in thirds.into_iter().zip(&mut bends) {
+            let bent = upper + third.apply(&self.axes[2], &lower);
+            let second = turn_onto(&self.axes[1], &bent, &way).unwrap_or_else(|| Turn::by(hold[1]));
+            *bend = Some([second, third]);
+        }
+        bends
     }
 
     /// Up to `max` solutions within `limits`, in random order.

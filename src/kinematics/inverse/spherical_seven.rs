@@ -151,16 +151,10 @@ impl SphericalSeven {
         if let Some(rotation) = before {
             carried *= rotation;
         }
-        // Turn by psi about d: d d^T + cos psi (1 - d d^T) + sin psi [d]x.
-        let along = direction * direction.transpose();
-        let across = Matrix3::identity() - along;
-        let cross = direction.cross_matrix();
-        let (left, right) = (self.shoulder.frame.transpose(), carried * self.shoulder.end);
         let shoulder =
-            Swing { constant: left * along * right, even: left * across * right, odd: left * cross * right };
-        let (left, right) = ((carried * bent * self.wrist.frame).transpose(), goal * self.wrist.end);
-        let wrist =
-            Swing { constant: left * along * right, even: left * across * right, odd: -left * cross * right };
+            Swing::new(&self.shoulder.frame.transpose(), direction, &(carried * self.shoulder.end), 1.0);
+        let left = (carried * bent * self.wrist.frame).transpose();
+        let wrist = Swing::new(&left, direction, &(goal * self.wrist.end), -1.0);
         ElbowAim { q4, shoulder, wrist }
     }
 
@@ -267,6 +261,16 @@ impl ElbowAngles {
 }
 
 impl Swing {
+    /// `left` times a turn by psi (or by -psi) about the unit vector d, times `right`. The turn is
+    /// d d^T + cos psi (1 - d d^T) + sin psi [d]x.
+    fn new(left: &Matrix3<f64>, d: &Vec3, right: &Matrix3<f64>, sense: f64) -> Self {
+        let constant = (left * d) * (right.transpose() * d).transpose();
+        let even = left * right - constant;
+        let d = d * sense;
+        let crossed = Matrix3::from_columns(&[0, 1, 2].map(|k| d.cross(&right.column(k))));
+        Self { constant, even, odd: left * crossed }
+    }
+
     fn at(&self, cosine: f64, sine: f64) -> Matrix3<f64> {
         self.constant + self.even * cosine + self.odd * sine
     }
@@ -316,7 +320,7 @@ fn vanishing([constant, even, odd]: [f64; 3], cuts: &mut SmallVec<[f64; 32]>) {
 
 /// A rotation that turns the direction of `from` into the unit vector `to`, about the axis
 /// perpendicular to both.
-fn least_rotation(from: &Vec3, to: &Vec3) -> Matrix3<f64> {
+pub(super) fn least_rotation(from: &Vec3, to: &Vec3) -> Matrix3<f64> {
     let from = from / from.norm();
     let cosine = from.dot(to);
     if cosine < -0.999_999 {

@@ -1,57 +1,111 @@
 //! Single turns that bring something to where it should be (after Paden and Kahan).
 
+use nalgebra::Matrix3;
 use smallvec::SmallVec;
 
+use super::arctangent::atan2;
 use crate::geometry::Vec3;
 
-/// Zero, one or two angles (rad).
-pub(super) type Angles = SmallVec<[f64; 2]>;
+/// A turn by its cosine and sine, which most uses ask for rather than the angle.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Turn {
+    cosine: f64,
+    sine: f64,
+}
+
+/// Zero, one or two turns.
+pub(super) type Turns = SmallVec<[Turn; 2]>;
 
 /// Below this size an equation says nothing about its angle.
 const NOTHING: f64 = 1e-11;
 /// How far (relative) a cosine may exceed 1 by rounding.
 const ROUNDING: f64 = 1e-11;
 
-/// The angles by which `vector` must turn about `axis` for its component along `direction` to
-/// become `component`. Where any will do, `hold`.
+impl Turn {
+    /// By `angle` (rad).
+    pub fn by(angle: f64) -> Self {
+        let (sine, cosine) = angle.sin_cos();
+        Self { cosine, sine }
+    }
+
+    /// Its angle (rad) in [-pi, pi].
+    pub fn angle(self) -> f64 {
+        atan2(self.sine, self.cosine)
+    }
+
+    /// The same the other way round.
+    pub fn back(self) -> Self {
+        Self { sine: -self.sine, ..self }
+    }
+
+    /// Its matrix about the unit vector `axis`.
+    pub fn about(self, axis: &Vec3) -> Matrix3<f64> {
+        let (c, d) = (self.cosine, 1.0 - self.cosine);
+        let s = axis * self.sine;
+        let [x, y, z] = [axis.x, axis.y, axis.z];
+        Matrix3::new(
+            c + d * x * x,
+            d * x * y - s.z,
+            d * x * z + s.y,
+            d * x * y + s.z,
+            c + d * y * y,
+            d * y * z - s.x,
+            d * x * z - s.y,
+            d * y * z + s.x,
+            c + d * z * z,
+        )
+    }
+
+    /// `vector` turned about the unit vector `axis`.
+    pub fn apply(self, axis: &Vec3, vector: &Vec3) -> Vec3 {
+        let along = axis.dot(vector) * (1.0 - self.cosine);
+        vector * self.cosine + axis.cross(vector) * self.sine + axis * along
+    }
+}
+
+/// The turns of `vector` about `axis` after which its component along `direction` is `component`.
+/// Where any will do, the one by `hold` (rad).
 pub(super) fn turns_to_component(
     axis: &Vec3,
     vector: &Vec3,
     direction: &Vec3,
     component: f64,
     hold: f64,
-) -> Angles {
+) -> Turns {
     let along = direction.dot(axis) * vector.dot(axis);
     let even = direction.dot(vector) - along;
     let odd = direction.dot(&axis.cross(vector));
-    let size = even.hypot(odd);
+    let size = (even * even + odd * odd).sqrt();
     let wanted = component - along;
-    let mut angles = Angles::new();
+    let mut turns = Turns::new();
     if size < NOTHING {
         if wanted.abs() < 1e-9 {
-            angles.push(hold);
+            turns.push(Turn::by(hold));
         }
-        return angles;
+        return turns;
     }
     let cosine = wanted / size;
     // Also refuses NaN.
     if cosine.abs() <= 1.0 + ROUNDING {
-        let half = cosine.clamp(-1.0, 1.0).acos();
-        let phase = odd.atan2(even);
-        angles.push(phase + half);
-        if half > 0.0 && half < std::f64::consts::PI {
-            angles.push(phase - half);
+        // Either way from where the component is greatest.
+        let (x, y) = (even / size, odd / size);
+        let c = cosine.clamp(-1.0, 1.0);
+        let s = (1.0 - c * c).sqrt();
+        turns.push(Turn { cosine: x * c - y * s, sine: y * c + x * s });
+        if s > 0.0 {
+            turns.push(Turn { cosine: x * c + y * s, sine: y * c - x * s });
         }
     }
-    angles
+    turns
 }
 
-/// The angle by which `from` must turn about `axis` to point, seen along the axis, as `to` does;
-/// `None` where one of them is along the axis.
-pub(super) fn turn_onto(axis: &Vec3, from: &Vec3, to: &Vec3) -> Option<f64> {
+/// The turn of `from` about `axis` to point, seen along the axis, as `to` does; `None` where one of
+/// them is along the axis.
+pub(super) fn turn_onto(axis: &Vec3, from: &Vec3, to: &Vec3) -> Option<Turn> {
     let sine = axis.dot(&from.cross(to));
     let cosine = from.dot(to) - from.dot(axis) * to.dot(axis);
-    (sine.hypot(cosine) > NOTHING).then(|| sine.atan2(cosine))
+    let size = (sine * sine + cosine * cosine).sqrt();
+    (size > NOTHING).then(|| Turn { cosine: cosine / size, sine: sine / size })
 }
 
 #[cfg(test)]
@@ -78,19 +132,22 @@ mod tests {
             let angles = turns_to_component(&axis, &vector, &direction, goal.dot(&direction), 0.0);
             prop_assert!(!angles.is_empty());
             for found in angles {
-                let again = turned(&axis, &vector, found);
+                let again = turned(&axis, &vector, found.angle());
+                prop_assert!((found.apply(&axis, &vector) - again).norm() < 1e-12);
+                prop_assert!((found.about(&axis) * vector - again).norm() < 1e-12);
+                prop_assert!((found.back().apply(&axis, &again) - vector).norm() < 1e-12);
                 prop_assert!((again.dot(&direction) - goal.dot(&direction)).abs() < 1e-9);
             }
             prop_assume!(axis.cross(&vector).norm() > 1e-3);
             let found = turn_onto(&axis, &vector, &goal).unwrap();
-            prop_assert!((turned(&axis, &vector, found) - goal).norm() < 1e-9);
+            prop_assert!((found.apply(&axis, &vector) - goal).norm() < 1e-9);
         }
     }
 
     #[test]
     fn undetermined_and_impossible() {
         let (x, z) = (Vec3::x(), Vec3::z());
-        assert_eq!(turns_to_component(&z, &z, &x, 0.0, 0.7).as_slice(), [0.7]);
+        assert_eq!(turns_to_component(&z, &z, &x, 0.0, 0.7).as_slice(), [Turn::by(0.7)]);
         assert!(turns_to_component(&z, &z, &x, 0.5, 0.7).is_empty());
         assert!(turns_to_component(&z, &x, &x, 1.5, 0.7).is_empty());
         assert_eq!(turn_onto(&z, &z, &x), None);
