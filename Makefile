@@ -30,6 +30,7 @@ demo: build
 test:
 	@deploy/setup.sh test
 	$(CARGO) test --release --locked
+	QUADRILLE_SIMD=sse2 $(CARGO) test --release --locked --lib -- collision:: geometry:: kinematics:: motion:: transition::
 
 # The long forms, one after the other: they measure.
 soak:

@@ -110,7 +110,7 @@ impl JointMotion for StraightMotion {
 pub struct PathMotion<'a>(&'a [Config]);
 
 impl<'a> PathMotion<'a> {
-    /// Through `waypoints`, all for the same joints.
+    /// Through `waypoints`, at least one, all for the same joints.
     pub fn new(waypoints: &'a [Config]) -> Self {
         Self(waypoints)
     }
@@ -131,7 +131,8 @@ impl JointMotion for PathMotion<'_> {
         let (first, last) = (self.at(s0), self.at(s1));
         let mut most: Config = middle.iter().map(|_| 0.0).collect();
         // Greatest at an end or at a waypoint between.
-        let between = (s0.ceil().max(0.0) as usize).min(self.0.len())..(s1.ceil().max(0.0) as usize).min(self.0.len());
+        let between =
+            (s0.ceil().max(0.0) as usize).min(self.0.len())..(s1.ceil().max(0.0) as usize).min(self.0.len());
         for q in [&first, &last].into_iter().chain(self.0.get(between).into_iter().flatten()) {
             for (most, (a, b)) in most.iter_mut().zip(q.iter().zip(&middle)) {
                 *most = most.max((a - b).abs());

@@ -61,13 +61,7 @@ enum Before {
 /// How a frame is turned against the one on which it stands.
 #[derive(Debug, Clone)]
 enum Turn {
-    /// Not at all.
-    None,
-    /// By a quarter about x: y onto z.
-    Quarter,
-    /// By a quarter about x the other way round.
-    BackQuarter,
-    /// About x.
+    /// About x, mostly by a quarter or not at all; to tell these apart costs more than it saves.
     AboutX { cosine: f32, sine: f32 },
     /// Its axes in the other frame.
     Any([[f32; 3]; 3]),
@@ -155,17 +149,20 @@ impl MovingFrames {
     /// Places all frames at eight configurations `q[joint][lane]`; `out` has room for each.
     #[inline(always)]
     pub fn place<F: Float8>(&self, q: &[[f32; 8]], out: &mut [Frame8<F>]) {
+        // Sines and cosines depend on nothing: all of them first.
+        for (step, frame) in self.steps.iter().zip(out.iter_mut()) {
+            let value = F::load(&q[step.joint]).mul_add(F::splat(step.multiplier), F::splat(step.shift));
+            if step.slides {
+                frame.axes[0][0] = value;
+            } else {
+                (frame.axes[0][0], frame.axes[0][1]) = sin_cos(value);
+            }
+        }
         for (index, step) in self.steps.iter().enumerate() {
             // In place, since a frame is too large to be handed around.
             let (done, rest) = out.split_at_mut(index);
             let Some(frame) = rest.first_mut() else { return };
-            let mut value = F::load(&q[step.joint]);
-            if step.multiplier != 1.0 {
-                value = value * F::splat(step.multiplier);
-            }
-            if step.shift != 0.0 {
-                value = value + F::splat(step.shift);
-            }
+            let (sine, cosine) = (frame.axes[0][0], frame.axes[0][1]);
             let (x, y, z): (V3<F>, V3<F>, V3<F>);
             match &step.before {
                 Before::Still { axes, origin } => {
@@ -175,15 +172,19 @@ impl MovingFrames {
                 Before::On { parent, origin, turn } => {
                     let under = &done[*parent];
                     [x, y, z] = turned(&under.axes, turn);
-                    frame.origin = column_sum(&under.origin, &under.axes, origin);
+                    let o = splat3::<F>(origin);
+                    for k in 0..3 {
+                        let near = under.axes[0][k].mul_add(o[0], under.origin[k]);
+                        frame.origin[k] =
+                            under.axes[2][k].mul_add(o[2], under.axes[1][k].mul_add(o[1], near));
+                    }
                 }
             }
             if step.slides {
-                frame.origin = scale3(&frame.origin, &z, value);
+                frame.origin = scale3(&frame.origin, &z, sine);
                 frame.axes = [x, y, z];
                 continue;
             }
-            let (sine, cosine) = sin_cos(value);
             for k in 0..3 {
                 frame.axes[0][k] = y[k].mul_add(sine, x[k] * cosine);
                 frame.axes[1][k] = x[k].neg_mul_add(sine, y[k] * cosine);
@@ -198,9 +199,6 @@ impl MovingFrames {
 fn turned<F: Float8>(axes: &[V3<F>; 3], turn: &Turn) -> [V3<F>; 3] {
     let [x, y, z] = *axes;
     match turn {
-        Turn::None => [x, y, z],
-        Turn::Quarter => [x, z, [-y[0], -y[1], -y[2]]],
-        Turn::BackQuarter => [x, [-z[0], -z[1], -z[2]], y],
         Turn::AboutX { cosine, sine } => {
             let (c, s) = (F::splat(*cosine), F::splat(*sine));
             let mut out = [x, y, z];
@@ -227,15 +225,15 @@ fn frame_with_z(z: &Vec3, plain: bool) -> (UnitQuaternion<f64>, Turn) {
     let about_x = |angle: f64| UnitQuaternion::from_axis_angle(&Vec3::x_axis(), angle);
     if plain && z.x.abs() < ZERO {
         if z.y.abs() < ZERO && z.z > 0.0 {
-            return (UnitQuaternion::identity(), Turn::None);
+            return (UnitQuaternion::identity(), Turn::AboutX { cosine: 1.0, sine: 0.0 });
         }
         if z.z.abs() < ZERO {
             let quarter = std::f64::consts::FRAC_PI_2;
             // z goes to -y by a quarter about x.
             return if z.y < 0.0 {
-                (about_x(quarter), Turn::Quarter)
+                (about_x(quarter), Turn::AboutX { cosine: 0.0, sine: 1.0 })
             } else {
-                (about_x(-quarter), Turn::BackQuarter)
+                (about_x(-quarter), Turn::AboutX { cosine: 0.0, sine: -1.0 })
             };
         }
         let angle = (-z.y).atan2(z.z);

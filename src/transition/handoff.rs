@@ -3,7 +3,9 @@
 use rand::Rng as _;
 use rand::seq::IndexedRandom;
 
-use crate::collision::{CollisionWorld, Exemption, Held, JointMotion as _, PathMotion, Scene, StraightMotion};
+use crate::collision::{
+    CollisionWorld, Exemption, Held, JointMotion as _, PathMotion, Scene, StraightMotion,
+};
 use crate::geometry::{Pose, Vec3};
 use crate::kinematics::Config;
 use crate::problem::Problem;

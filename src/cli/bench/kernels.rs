@@ -18,9 +18,12 @@ pub(super) fn measure() -> Table {
     many_arms(&mut table, &mut rng);
     inverse(&mut table, &mut rng);
     if let Some(known) = KnownWorkcell::new("switch/9x4") {
-        table.add("a known workcell of nine arms, from lookup to ready", best(1, || {
-            black_box(known.ready());
-        }));
+        table.add(
+            "a known workcell of nine arms, from lookup to ready",
+            best(1, || {
+                black_box(known.ready());
+            }),
+        );
     }
     table
 }

@@ -165,7 +165,14 @@ impl LaneArm {
         let never = |a: &LaneAtom, b: &LaneAtom| {
             let (margin, limits) = (clearance as f32, arm.limits.as_slice());
             let levers = relative(&a.levers, &b.levers, &several);
-            set.run(NeverTouch { frames: &frames, pair: (a, b), levers: &levers, limits, turns: &turns, margin })
+            set.run(NeverTouch {
+                frames: &frames,
+                pair: (a, b),
+                levers: &levers,
+                limits,
+                turns: &turns,
+                margin,
+            })
         };
         let self_groups = match twin {
             Some(twin) => twin.self_groups.clone(),

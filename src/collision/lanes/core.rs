@@ -52,8 +52,12 @@ impl StaticBlock {
     /// Of those of `all` at `indices`, at most eight.
     pub(super) fn new(indices: &[usize], all: &[LaneStatic]) -> Self {
         // What is not there is nowhere.
-        let mut block =
-            Self { low: [[f32::INFINITY; 8]; 3], high: [[f32::NEG_INFINITY; 8]; 3], indices: [0; 8], there: 0 };
+        let mut block = Self {
+            low: [[f32::INFINITY; 8]; 3],
+            high: [[f32::NEG_INFINITY; 8]; 3],
+            indices: [0; 8],
+            there: 0,
+        };
         for (slot, &index) in indices.iter().take(8).enumerate() {
             for k in 0..3 {
                 block.low[k][slot] = all[index].low[k];

@@ -66,7 +66,8 @@ impl Kernel for Ensemble<'_> {
             let to = arms.get(arm + 1).map_or(limbs.len(), |next| next.0);
             &limbs[arms[arm].0..to]
         };
-        let mut closer: Closer<F> = Closer { arms: SmallVec::from_elem(None, self.movers.len()), placed: Vec::new() };
+        let mut closer: Closer<F> =
+            Closer { arms: SmallVec::from_elem(None, self.movers.len()), placed: Vec::new() };
         for (i, first) in self.movers.iter().enumerate() {
             for (j, second) in self.movers.iter().enumerate().skip(i + 1) {
                 if self.still[i] && self.still[j] {

@@ -4,6 +4,7 @@ use super::arm::{UNMOVED, relative_lever};
 use super::broad::{Candidate, Target};
 use super::core::{Carried, LaneCore, LaneStatic, separation};
 use super::exact::Exact;
+use super::mover::LaneMover;
 use super::place::{PlacedArm, motion_bound};
 use super::tight;
 use crate::collision::UNDECIDED_MOTION;
@@ -82,7 +83,7 @@ pub(super) fn look<F: Float8>(
             other = (&theirs.core, theirs.frame.map(|frame| &other_at.frames()[frame]));
             bound = motion_bound(&ours.levers, &at.0.deviations)
                 + motion_bound(&theirs.levers, &other_at.deviations);
-            far_other = Some((&second.lanes, theirs, other_at));
+            far_other = Some((&second.lanes, theirs, other_at, b));
             both_exact = ours.exact && theirs.exact;
             both_boxes = box_a && matches!(theirs.core, LaneCore::Box { .. });
         }
@@ -94,17 +95,18 @@ pub(super) fn look<F: Float8>(
         return Look { open: 0, blocked: 0 };
     }
     let mut bound = bound;
-    if !at.0.still {
-        let frames = &first.arm.frames;
+    // Where the bodies are too near already, it is of no use to know how far they move.
+    if !at.0.still && F::bits(apart.less(margin)) & failing != failing {
+        let ours_moves = (placed, ours.frame);
         let now = match (own_other, far_other) {
             (Some(theirs), _) => {
-                tight::relative_motion(frames, at.0, (placed, ours.frame), (other, theirs.frame))
+                tight::relative_motion(&first.arm.frames, at.0, ours_moves, (other, theirs.frame))
             }
-            (None, Some((second, theirs, other_at))) => {
-                tight::motion(frames, at.0, placed, ours.frame)
-                    + tight::motion(&second.arm.frames, other_at, other, theirs.frame)
+            (None, Some((second, theirs, other_at, b))) => {
+                moved(first, at.0, candidate.a, ours_moves)
+                    + moved(second, other_at, b, (other, theirs.frame))
             }
-            (None, None) => tight::motion(frames, at.0, placed, ours.frame),
+            (None, None) => moved(first, at.0, candidate.a, ours_moves),
         };
         bound = bound.min(now);
         failing &= F::bits(apart.less(bound + margin));
@@ -121,6 +123,22 @@ pub(super) fn look<F: Float8>(
         middles,
         exact,
     )
+}
+
+/// How far an atom moves at most (m), worked out once in a batch.
+#[inline(always)]
+fn moved<F: Float8>(
+    mover: &LaneMover<'_>,
+    at: &PlacedArm<F>,
+    atom: u16,
+    (body, on): (Carried<'_, F>, Option<usize>),
+) -> F {
+    if let Some(known) = at.motion_of(atom) {
+        return known;
+    }
+    let motion = tight::motion(&mover.arm.frames, at, body, on);
+    at.remember_motion(atom, motion);
+    motion
 }
 
 /// What becomes of the lanes in which a pair is not far enough apart.

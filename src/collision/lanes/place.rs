@@ -1,5 +1,7 @@
 //! An arm put in its place at eight instants, and the room for that.
 
+use std::cell::Cell;
+
 use smallvec::SmallVec;
 
 use super::arm::{Row, UNMOVED};
@@ -10,6 +12,9 @@ use crate::kinematics::Frame8;
 
 /// Frames, or limbs, that have room without asking for memory.
 const NEAR: usize = 8;
+
+/// Atoms whose motion is remembered within a batch.
+const REMEMBERED: usize = 24;
 
 /// An arm at eight instants. Made once and used for one batch after the other, since to clear so much
 /// costs as much as to check some pairs.
@@ -27,6 +32,9 @@ pub(super) struct PlacedArm<F> {
     /// The box around all limbs, each grown by its own need.
     pub(super) low: V3<F>,
     pub(super) high: V3<F>,
+    /// How far atoms move at most (m), where somebody has asked, and which those are.
+    motions: [Cell<F>; REMEMBERED],
+    asked: Cell<u32>,
 }
 
 /// A limb at eight instants.
@@ -106,6 +114,8 @@ impl<F: Float8> PlacedArm<F> {
             still: false,
             low: none,
             high: none,
+            motions: [const { () }; REMEMBERED].map(|()| Cell::new(zero)),
+            asked: Cell::new(0),
         };
         room.fit(mover);
         room
@@ -135,6 +145,22 @@ impl<F: Float8> PlacedArm<F> {
         if self.counts.1 <= NEAR { &self.limbs[..self.counts.1] } else { &self.many_limbs }
     }
 
+    /// How far the atom with this number moves at most (m), if that was asked before.
+    #[inline(always)]
+    pub(super) fn motion_of(&self, atom: u16) -> Option<F> {
+        let known = self.asked.get() >> u32::from(atom).min(31) & 1 == 1;
+        if known { self.motions.get(usize::from(atom)).map(Cell::get) } else { None }
+    }
+
+    /// Keeps that.
+    #[inline(always)]
+    pub(super) fn remember_motion(&self, atom: u16, motion: F) {
+        if let Some(cell) = self.motions.get(usize::from(atom)) {
+            cell.set(motion);
+            self.asked.set(self.asked.get() | 1 << atom);
+        }
+    }
+
     /// Places frames and, with `with_limbs`, the limbs. `still` says that nothing strays.
     #[inline(always)]
     pub(super) fn place(&mut self, mover: &LaneMover<'_>, samples: &Samples, with_limbs: bool, still: bool) {
@@ -142,6 +168,7 @@ impl<F: Float8> PlacedArm<F> {
             if self.counts.0 <= NEAR { &mut self.frames[..self.counts.0] } else { &mut self.many_frames[..] };
         mover.arm.frames.place(&samples.values, frames);
         self.still = still;
+        self.asked.set(0);
         self.deviations.clear();
         for deviation in &samples.deviations {
             self.deviations.push(F::load(deviation));

@@ -7,7 +7,7 @@
 
 use super::core::{Carried, LaneCore};
 use super::place::PlacedArm;
-use crate::geometry::lanes::{Float8, V3, add3, column_sum, square3, splat3, sub3};
+use crate::geometry::lanes::{Float8, V3, add3, column_sum, splat3, square3, sub3};
 use crate::kinematics::{Frame8, MovingFrames};
 
 /// Sums are rounded up by this much, relative.

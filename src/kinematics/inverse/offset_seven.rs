@@ -223,7 +223,8 @@ impl OffsetSeven {
         let at = |angle: f64| self.square + 2.0 * self.swing * (angle - self.phase).cos();
         let has = |angle: f64| fit(angle, limits, neutral(limits)).is_some();
         let (full, folded) = (self.phase, self.phase + TAU / 2.0);
-        let ends = [limits.lower, limits.upper].map(|end| if end.is_finite() { at(end) } else { self.square });
+        let ends =
+            [limits.lower, limits.upper].map(|end| if end.is_finite() { at(end) } else { self.square });
         let greatest = if has(full) { at(full) } else { ends[0].max(ends[1]) };
         let least = if has(folded) { at(folded) } else { ends[0].min(ends[1]) };
         (least, greatest)
@@ -313,13 +314,11 @@ impl OffsetSeven {
         let stretches = self.stretches(&aim, limits);
         let best_at = |last: f64| {
             let found = self.within(&aim, last, limits, reference).into_iter();
-            found
-                .map(|q| (weighted_square(&q, reference, weights), q))
-                .min_by(|a, b| a.0.total_cmp(&b.0))
+            found.map(|q| (weighted_square(&q, reference, weights), q)).min_by(|a, b| a.0.total_cmp(&b.0))
         };
         let mut best: Option<(f64, [f64; 7])> = None;
         let mut step = TAU / SWEEP as f64;
-        if stretches.iter().any(|(from, to)| (*from..=*to).contains(&reference[6])) {
+        if !stretches.is_empty() {
             best = best_at(reference[6]);
         }
         for (from, to) in stretches {

@@ -116,9 +116,8 @@ impl SixAxes {
             match &self.wrist {
                 Wrist::Spherical { centre, triple } => {
                     for [second, third] in self.bend(centre, &turned_back, hold).into_iter().flatten() {
-                        let before = unturn.transpose()
-                            * second.about(&self.axes[1])
-                            * third.about(&self.axes[2]);
+                        let before =
+                            unturn.transpose() * second.about(&self.axes[1]) * third.about(&self.axes[2]);
                         let m = (before * triple.frame).transpose() * rotation * triple.end;
                         let (second, third) = (second.angle(), third.angle());
                         for [d, e, f] in triple.angles(&m, hold[3]) {

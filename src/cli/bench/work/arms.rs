@@ -89,8 +89,7 @@ impl OneArm {
 
     fn free(&self, configs: &[Config]) -> usize {
         let slices: Vec<&[f64]> = black_box(configs).iter().map(|q| &q[..]).collect();
-        let free =
-            self.world.configs_free(ArmId(0), &slices, None, &Scene::default(), Exemption::default());
+        let free = self.world.configs_free(ArmId(0), &slices, None, &Scene::default(), Exemption::default());
         free.into_iter().filter(|free| *free).count()
     }
 

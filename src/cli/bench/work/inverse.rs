@@ -26,8 +26,7 @@ impl Inverse {
     pub fn new(name: &str, most: usize, rng: &mut Rng) -> Option<Self> {
         let model = model(name)?;
         let limits = limits(&model);
-        let targets =
-            (0..Self::TARGETS).map(|_| model.mount_pose(&random_config(&limits, rng))).collect();
+        let targets = (0..Self::TARGETS).map(|_| model.mount_pose(&random_config(&limits, rng))).collect();
         Some(Self { model, limits, targets, most, rng: rng.clone(), found: Vec::new() })
     }
 

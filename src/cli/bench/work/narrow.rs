@@ -132,7 +132,8 @@ impl Narrow {
         let still = ParryPose::IDENTITY;
         let pairs = self.capsules.0.iter().zip(&self.capsules.1);
         let hit = |(a, b): &(&Capsule, &Capsule)| {
-            query::intersection_test(&still, black_box(*a), &still, black_box(*b)).is_ok_and(|hit| hit.intersecting)
+            query::intersection_test(&still, black_box(*a), &still, black_box(*b))
+                .is_ok_and(|hit| hit.intersecting)
         };
         pairs.filter(hit).count()
     }
