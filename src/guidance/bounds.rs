@@ -140,8 +140,9 @@ fn whole_carries(
     }
     sets.sort();
     sets.dedup();
-    let holds = |arm: usize| start.contains(&network.arms[arm]);
-    let may_keep = |arm: usize| network.kinds.iter().any(|kind| kind.is_goal[network.arms[arm] as usize]);
+    let holds = |arm: usize| network.arms[arm].iter().any(|node| start.contains(node));
+    let keeps = |node: u16| network.kinds.iter().any(|kind| kind.is_goal[node as usize]);
+    let may_keep = |arm: usize| network.arms[arm].iter().any(|&node| keeps(node));
     let mut loads = vec![0.0; arms];
     let mut bound = at_least;
     for set in sets {
@@ -178,13 +179,15 @@ fn head_and_tail(network: &Network, reach: &Reach, at_least: usize) -> Vec<f64> 
     network
         .arms
         .iter()
-        .map(|&arm| {
+        .map(|nodes| {
             let (mut head, mut tail) = (FAR, FAR);
             for (object, from_start) in reach.from_start.iter().enumerate() {
-                let (come, go) = (from_start[arm as usize], network.to_goal(object, arm as usize));
-                if come != FAR && go != FAR {
-                    head = head.min(come.saturating_sub(1));
-                    tail = tail.min(go.saturating_sub(1));
+                for &node in nodes {
+                    let (come, go) = (from_start[node as usize], network.to_goal(object, node as usize));
+                    if come != FAR && go != FAR {
+                        head = head.min(come.saturating_sub(1));
+                        tail = tail.min(go.saturating_sub(1));
+                    }
                 }
             }
             if head == FAR { 0.0 } else { f64::from(head + tail).min(at_least as f64) }
@@ -221,17 +224,14 @@ struct Game {
 impl Game {
     fn new(network: &Network, start: &[u16]) -> Self {
         let arms = network.arms.len();
-        let mut number = vec![usize::MAX; network.node_count()];
-        for (index, &arm) in network.arms.iter().enumerate() {
-            number[arm as usize] = index;
-        }
+        let number = &network.arm_number;
         let graphs = network
             .graphs
             .iter()
             .map(|graph| {
                 let mut passes = vec![false; arms * arms];
-                for (index, &arm) in network.arms.iter().enumerate() {
-                    for &next in graph.successors(arm as usize) {
+                for (index, nodes) in network.arms.iter().enumerate() {
+                    for &next in nodes.iter().flat_map(|&node| graph.successors(node as usize)) {
                         if network.is_arm[next as usize] {
                             passes[index * arms + number[next as usize]] = true;
                         } else {
@@ -265,10 +265,11 @@ impl Game {
                 graph.successors(node as usize).iter().map(|&arm| (number[arm as usize], 2.0)).collect()
             };
             let mut last = Vec::new();
-            for (index, &arm) in network.arms.iter().enumerate() {
-                if kind.is_goal[arm as usize] {
+            for (index, nodes) in network.arms.iter().enumerate() {
+                let mut next = nodes.iter().flat_map(|&node| graph.successors(node as usize));
+                if nodes.iter().any(|&node| kind.is_goal[node as usize]) {
                     last.push((index, 1.0));
-                } else if graph.successors(arm as usize).iter().any(|&next| kind.is_goal[next as usize]) {
+                } else if next.any(|&next| kind.is_goal[next as usize]) {
                     last.push((index, 0.0));
                 }
             }

@@ -177,8 +177,9 @@ impl Tolls {
                     }
                 }
                 CutKind::Arm(arm) => {
-                    if let Some(penalty) = tolls.arms.get_mut(arm.0) {
-                        *penalty += cut.penalty;
+                    let number = network.arm_number.get(arm.0).copied().unwrap_or(usize::MAX);
+                    for &node in network.arms.get(number).into_iter().flatten() {
+                        tolls.arms[node as usize] += cut.penalty;
                     }
                 }
                 CutKind::Pair(a, b) => tolls.pairs.push(Pair {

@@ -245,9 +245,10 @@ fn duties(network: &Network) -> Vec<Vec<u8>> {
     for kind in &network.kinds {
         let graph = &network.graphs[kind.graph];
         let mut duty = vec![0; count * arms];
-        for (index, &arm) in network.arms.iter().enumerate() {
+        for index in 0..arms {
+            let is_hand = |node: usize| network.arm_number[node] == index;
             // A hand that is itself a goal need not pass anything on.
-            if kind.is_goal[arm as usize] {
+            if kind.goals.iter().any(|&goal| is_hand(goal as usize)) {
                 continue;
             }
             let mut reached = vec![false; count];
@@ -258,7 +259,7 @@ fn duties(network: &Network) -> Vec<Vec<u8>> {
             }
             while let Some(node) = queue.pop() {
                 for &before in graph.predecessors(node as usize) {
-                    if before != arm && !reached[before as usize] {
+                    if !is_hand(before as usize) && !reached[before as usize] {
                         reached[before as usize] = true;
                         queue.push(before);
                     }
@@ -267,7 +268,7 @@ fn duties(network: &Network) -> Vec<Vec<u8>> {
             for node in 0..count {
                 duty[node * arms + index] = match reached[node] {
                     true => 0,
-                    false if node == arm as usize => 1,
+                    false if is_hand(node) => 1,
                     false => 2,
                 };
             }

@@ -11,7 +11,7 @@ use crate::run::{Control, Seed};
 /// The first action in a plan in which an arm takes part.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct ArmAction {
-    /// The arm.
+    /// The arm, by the least of its nodes.
     pub arm: NodeId,
     /// In which step, from 1.
     pub step: usize,
@@ -128,11 +128,11 @@ impl Guidance for Smart {
 /// The first action of every arm in `steps`, by ascending arm.
 pub(super) fn first_actions(network: &Network, steps: &[Vec<Move>]) -> Vec<ArmAction> {
     let mut first = Vec::new();
-    for &arm in &network.arms {
-        let arm = NodeId(arm as usize);
+    for (number, nodes) in network.arms.iter().enumerate() {
+        let is_this = |node: NodeId| network.arm_number[node.0] == number;
         let found = steps.iter().enumerate().find_map(|(index, moves)| {
-            let action = moves.iter().find(|action| action.from == arm || action.to == arm)?;
-            Some(ArmAction { arm, step: index + 1, action: *action })
+            let action = moves.iter().find(|action| is_this(action.from) || is_this(action.to))?;
+            Some(ArmAction { arm: NodeId(*nodes.first()? as usize), step: index + 1, action: *action })
         });
         first.extend(found);
     }

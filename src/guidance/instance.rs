@@ -44,11 +44,14 @@ pub struct Edge {
     pub class: Option<usize>,
 }
 
-/// Placements that share room: at no time may more than `capacity` objects be on them together,
+/// Nodes that share room: at no time may more than `capacity` objects be on them together,
 /// counting what is there before a step and what enters during it.
+///
+/// A set of arm nodes with capacity 1 says that they are one arm, in states that differ by what it
+/// can do with the object it holds. An arm node is in one such set at most.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct ConflictSet {
-    /// The placements; no arms.
+    /// The nodes: placements alone, or arms alone.
     pub nodes: Vec<NodeId>,
     /// How many objects they hold together; 1 for two slots that overlap.
     pub capacity: u32,
@@ -114,17 +117,17 @@ pub enum InstanceError {
     /// An arm with a capacity over 1.
     #[error("arm node {0} has a capacity over 1")]
     ArmCapacity(usize),
-    /// An edge without an arm, or from a node to itself.
+    /// An edge without an arm, from a node to itself, or between two nodes of one arm.
     #[error("edge {0} is no pick, place or handoff")]
     NotAnAction(usize),
     /// A weight that is negative or not finite.
     #[error("edge {0} has a weight that is negative or not finite")]
     BadWeight(usize),
-    /// A conflict set that holds an arm.
-    #[error("conflict set {0} holds an arm")]
+    /// A conflict set that holds an arm and is not a set of the nodes of one arm.
+    #[error("conflict set {0} holds an arm, but it is not the only set of the nodes of that arm, with capacity 1")]
     ArmInConflict(usize),
     /// Two objects in one hand.
-    #[error("arm node {0} holds more than one object")]
+    #[error("the arm of node {0} holds more than one object")]
     HeldTwice(usize),
     /// A state with more or fewer nodes than there are objects.
     #[error("the state places {placed} objects, the instance has {objects}")]
@@ -192,12 +195,20 @@ impl Instance {
                 return Err(InstanceError::BadWeight(index));
             }
         }
+        let mut in_set = vec![false; self.nodes.len()];
         for (index, set) in self.conflicts.iter().enumerate() {
             for &node in &set.nodes {
                 self.require("a conflict set", node)?;
-                if self.is_arm(node) {
-                    return Err(InstanceError::ArmInConflict(index));
-                }
+            }
+            let arms: Vec<NodeId> = set.nodes.iter().copied().filter(|&node| self.is_arm(node)).collect();
+            let is_one_arm = arms.len() == set.nodes.len() && set.capacity == 1;
+            let again = arms.iter().any(|node| std::mem::replace(&mut in_set[node.0], true));
+            if !arms.is_empty() && (!is_one_arm || again) {
+                return Err(InstanceError::ArmInConflict(index));
+            }
+            let inside = |node: NodeId| arms.contains(&node);
+            if let Some(edge) = self.edges.iter().position(|edge| inside(edge.from) && inside(edge.to)) {
+                return Err(InstanceError::NotAnAction(edge));
             }
         }
         for object in &self.objects {
@@ -223,6 +234,12 @@ impl Instance {
         for &node in state {
             self.require("a state", node)?;
             if self.is_arm(node) && std::mem::replace(&mut held[node.0], true) {
+                return Err(InstanceError::HeldTwice(node.0));
+            }
+        }
+        for set in &self.conflicts {
+            let mut holding = set.nodes.iter().filter(|&&node| self.is_arm(node) && held[node.0]);
+            if let (Some(_), Some(node)) = (holding.next(), holding.next()) {
                 return Err(InstanceError::HeldTwice(node.0));
             }
         }

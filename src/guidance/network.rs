@@ -81,7 +81,10 @@ pub(super) struct Kind {
 pub struct Network {
     instance: Instance,
     pub(super) is_arm: Vec<bool>,
-    pub(super) arms: Vec<u16>,
+    /// The nodes of every arm.
+    pub(super) arms: Vec<Vec<u16>>,
+    /// Of an arm node the index into [`Network::arms`]; else `usize::MAX`.
+    pub(super) arm_number: Vec<usize>,
     pub(super) graphs: Vec<ClassGraph>,
     pub(super) kinds: Vec<Kind>,
     /// The kind of every object.
@@ -105,7 +108,7 @@ impl Network {
         instance.validate()?;
         let count = instance.nodes.len();
         let is_arm: Vec<bool> = (0..count).map(|node| instance.is_arm(NodeId(node))).collect();
-        let arms = (0..count).filter(|&node| is_arm[node]).map(|node| node as u16).collect();
+        let (arms, arm_number) = arms(&instance, &is_arm);
         let heaviest = instance.edges.iter().map(|edge| edge.weight).fold(0.0, f64::max);
         let weight_unit = if heaviest > 0.0 { heaviest / WEIGHT_SCALE } else { 1.0 };
 
@@ -137,7 +140,7 @@ impl Network {
             kind_of.push(kind);
         }
         let (capacities, resources) = limited_resources(&instance);
-        Ok(Self { is_arm, arms, graphs, kinds, kind_of, capacities, resources, instance })
+        Ok(Self { is_arm, arms, arm_number, graphs, kinds, kind_of, capacities, resources, instance })
     }
 
     /// The instance.
@@ -208,6 +211,26 @@ impl Network {
             .min_by(f64::total_cmp)
             .unwrap_or(0.0)
     }
+}
+
+/// The nodes of every arm, by their least, and the arm of every node.
+fn arms(instance: &Instance, is_arm: &[bool]) -> (Vec<Vec<u16>>, Vec<usize>) {
+    let count = is_arm.len();
+    let (mut arms, mut number) = (Vec::new(), vec![usize::MAX; count]);
+    for node in (0..count).filter(|&node| is_arm[node]) {
+        if number[node] != usize::MAX {
+            continue;
+        }
+        let set = instance.conflicts.iter().find(|set| set.nodes.contains(&NodeId(node)));
+        let mut nodes: Vec<u16> = set.map_or(vec![node as u16], |set| {
+            set.nodes.iter().map(|node| node.0 as u16).collect()
+        });
+        nodes.sort_unstable();
+        nodes.dedup();
+        nodes.iter().for_each(|&node| number[node as usize] = arms.len());
+        arms.push(nodes);
+    }
+    (arms, number)
 }
 
 /// Nodes that nothing can ever enter.
@@ -294,8 +317,13 @@ fn limited_resources(instance: &Instance) -> (Vec<u16>, Lists) {
     let objects = instance.objects.len();
     let mut capacities = Vec::new();
     let mut of_node: Vec<Vec<u16>> = vec![Vec::new(); instance.nodes.len()];
+    let shared = |node: usize| {
+        let sets = &mut instance.conflicts.iter();
+        instance.is_arm(NodeId(node)) && sets.any(|set| set.nodes.contains(&NodeId(node)))
+    };
     for (node, data) in instance.nodes.iter().enumerate() {
-        if (data.capacity as usize) < objects {
+        // The capacity of an arm of several nodes is that of their set.
+        if (data.capacity as usize) < objects && !(data.capacity == 1 && shared(node)) {
             of_node[node].push(capacities.len() as u16);
             capacities.push(data.capacity as u16);
         }

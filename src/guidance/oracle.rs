@@ -103,6 +103,12 @@ pub(super) fn random_instance(rng: &mut Rng) -> Instance {
             }
         }
     }
+    // Now and then two arm nodes are one arm.
+    let twins = arms > 1 && rng.random_ratio(1, 3);
+    if twins {
+        conflicts.push(ConflictSet { nodes: vec![NodeId(0), NodeId(1)], capacity: 1 });
+        edges.retain(|edge| edge.from.0 > 1 || edge.to.0 > 1);
+    }
     let count = rng.random_range(1..=4.min(nodes.len() - 1));
     let mut held = vec![false; arms];
     let mut objects: Vec<Object> = Vec::new();
@@ -120,6 +126,9 @@ pub(super) fn random_instance(rng: &mut Rng) -> Instance {
             }
             if node < arms {
                 held[node] = true;
+                if twins && node < 2 {
+                    held[1 - node] = true;
+                }
             }
             break NodeId(node);
         };
@@ -316,7 +325,9 @@ fn smart_guidance_leads_to_the_goal_in_the_steps_it_promises() {
             for first in &guide.heuristic {
                 let action = &guide.solution.steps[first.step - 1];
                 assert!(action.contains(&first.action));
-                assert!(first.action.from == first.arm || first.action.to == first.arm);
+                assert!([first.action.from, first.action.to].iter().any(|node| {
+                    network.arm_number[node.0] == network.arm_number[first.arm.0]
+                }));
             }
             if guide.immediate.is_empty() {
                 break;

@@ -76,7 +76,8 @@ impl Relaxation {
 
     /// Sets the price of every arm to its weight in the static game while anything can be there.
     pub(super) fn price_arms(&mut self, network: &Network, weights: &[f64]) {
-        for (&arm, &weight) in network.arms.iter().zip(weights) {
+        for (nodes, &weight) in network.arms.iter().zip(weights) {
+            let Some(&arm) = nodes.first() else { continue };
             for &resource in network.resources.get(arm as usize) {
                 for step in 0..self.horizon {
                     self.price[step * self.width + resource as usize] = (weight * ARM_PRICES).round() as i64;

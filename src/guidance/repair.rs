@@ -261,9 +261,10 @@ impl<'a> Repair<'a> {
 
     /// Whether the routes of two objects share an arm.
     fn meet(&self, one: usize, other: usize) -> bool {
+        let arm = |&node: &u16| self.network.arm_number[node as usize];
         self.routes[one]
             .iter()
-            .any(|&node| self.network.is_arm[node as usize] && self.routes[other].contains(&node))
+            .any(|node| arm(node) != usize::MAX && self.routes[other].iter().any(|at| arm(at) == arm(node)))
     }
 
     /// Takes out the chosen objects, plans them again in a random order, and goes back to the old

@@ -7,8 +7,9 @@ use crate::problem::{GoalPlacement, InitialPlacement, Problem};
 use crate::run::Control;
 use crate::workcell::{ArmId, ObjectId, SurfaceId};
 
+use super::carries::barred_carries;
 use super::graph::{
-    GraphKind, ModeEdge, ModeGoal, ModeGraph, ModeNode, ModeObject, NodeConflict, Place, Region, Slot,
+    BarredCarry, GraphKind, ModeEdge, ModeGoal, ModeGraph, ModeNode, ModeObject, NodeConflict, Place, Region, Slot,
 };
 use super::handoffs::{Handover, handoffs};
 use super::holds::RestHolds;
@@ -50,6 +51,14 @@ struct ClassSurvey {
     /// Groups by surface.
     groups: Vec<(SurfaceId, Group)>,
     handovers: Vec<Handover>,
+}
+
+/// What was found.
+struct Survey {
+    slots: Slots,
+    slot_reach: Vec<SlotReach>,
+    classes: BTreeMap<usize, ClassSurvey>,
+    barred: Vec<BarredCarry>,
 }
 
 /// Builds the graph that guides `problem`.
@@ -94,8 +103,14 @@ pub fn build_mode_graph(
         surveyor.complete &= complete;
         surveys.insert(class, ClassSurvey { groups, handovers });
     }
+    let mut barred = Vec::new();
+    for (object, model) in problem.objects.iter().enumerate() {
+        let handovers = surveys.get(&model.class).map_or(&[][..], |survey| &survey.handovers);
+        barred.extend(barred_carries(&mut surveyor, &slots, &slot_reach, handovers, ObjectId(object)));
+    }
     let complete = surveyor.complete;
-    assemble(problem, &slots, &slot_reach, surveys, complete, options.merge_goals)
+    let survey = Survey { slots, slot_reach, classes: surveys, barred };
+    assemble(problem, survey, complete, options.merge_goals)
 }
 
 /// The classes of the problem's objects, ascending.
@@ -113,18 +128,13 @@ fn wanted_spots(problem: &Problem, class: usize, surface: SurfaceId, options: &M
 }
 
 /// Puts nodes, edges and conflicts together.
-fn assemble(
-    problem: &Problem,
-    slots: &Slots,
-    slot_reach: &[SlotReach],
-    surveys: BTreeMap<usize, ClassSurvey>,
-    complete: bool,
-    merge_goals: bool,
-) -> ModeGraph {
+fn assemble(problem: &Problem, survey: Survey, complete: bool, merge_goals: bool) -> ModeGraph {
+    let Survey { slots, slot_reach, classes: surveys, mut barred } = survey;
+    barred.sort();
     let overlaps = slots.overlaps(problem, problem.options.clearance_m, false);
     let mut nodes = arm_nodes(problem);
     // Which region a slot merges into, and each region's place in the list of nodes.
-    let merged = merged_slots(problem, slots, &overlaps, &surveys, merge_goals);
+    let merged = merged_slots(problem, &slots, &overlaps, &surveys, &barred, merge_goals);
     let mut slot_node: Vec<Option<usize>> = vec![None; slots.slots.len()];
     for (number, slot) in slots.slots.iter().enumerate() {
         if merged[number].is_none() {
@@ -173,11 +183,11 @@ fn assemble(
     conflicts.extend(shared_room(problem, &nodes));
     conflicts.extend(given_capacities(problem, &nodes));
     let objects = (0..problem.objects.len())
-        .map(|index| mode_object(problem, slots, &slot_node, &nodes, index))
+        .map(|index| mode_object(problem, &slots, &slot_node, &nodes, index))
         .collect::<Option<Vec<_>>>();
     // Every start has its slot, and every slot its node.
     let objects = objects.unwrap_or_default();
-    ModeGraph { kind: GraphKind::Guidance, nodes, edges, conflicts, objects, complete }
+    ModeGraph { kind: GraphKind::Guidance, nodes, edges, conflicts, objects, barred, complete }
 }
 
 pub(super) fn arm_nodes(problem: &Problem) -> Vec<ModeNode> {
@@ -213,8 +223,8 @@ fn region_node(surface: SurfaceId, class: usize, group: Group, merged: Vec<Slot>
 /// By slot, the region (class and number) that it merges into, if it does.
 ///
 /// A slot merges when it overlaps no other, is only a start or only a goal, was found to belong to
-/// the region (a neighbour with the same arms), and its object has no other slot in that region. A region takes its slots
-/// in only if its spots are enough for all objects of the class that own none of them: then no
+/// the region (a neighbour with the same arms), its object has no other slot in that region, and no
+/// carry between its slots is barred. A region takes its slots in only if its spots are enough for all objects of the class that own none of them: then no
 /// count of objects in the region can force one onto a slot that is still needed, and the capacity
 /// is the spots and the slots together. Where classes share a surface nothing merges.
 fn merged_slots(
@@ -222,6 +232,7 @@ fn merged_slots(
     slots: &Slots,
     overlaps: &[(usize, usize)],
     surveys: &BTreeMap<usize, ClassSurvey>,
+    barred: &[BarredCarry],
     merge_goals: bool,
 ) -> Vec<Option<(usize, usize)>> {
     let mut merged = vec![None; slots.slots.len()];
@@ -242,7 +253,9 @@ fn merged_slots(
                     (None, Some(object)) if merge_goals => slots.start[object.0],
                     _ => return false,
                 };
-                alone && !other_end.is_some_and(|other| group.slots.contains(&other))
+                let owner = slot.start_of.or(slot.goal_of);
+                let free = !barred.iter().any(|carry| Some(carry.object) == owner);
+                alone && free && !other_end.is_some_and(|other| group.slots.contains(&other))
             };
             let own: Vec<usize> = group.slots.iter().copied().filter(|number| fits(number)).collect();
             let owners: BTreeSet<ObjectId> = own

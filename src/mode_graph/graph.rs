@@ -126,6 +126,17 @@ pub struct ModeObject {
     pub goal_poses: Vec<Pose>,
 }
 
+/// A carry on which no grasps were found to fit together: `object` cannot be taken from its start by
+/// the first of the `carriers` (one, or two that hand over) and be put down at its goal pose by the
+/// last, unless it is taken up anew on the way.
+#[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord)]
+pub struct BarredCarry {
+    /// The object.
+    pub object: ObjectId,
+    /// The arms, first to last.
+    pub carriers: Vec<ArmId>,
+}
+
 /// The mode graph of a problem. Nodes are numbered; the first ones are the arms, in order.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ModeGraph {
@@ -139,6 +150,8 @@ pub struct ModeGraph {
     pub conflicts: Vec<NodeConflict>,
     /// The objects, in the problem's order.
     pub objects: Vec<ModeObject>,
+    /// Ways that look open edge by edge but are not, sorted. None on the optimistic graph.
+    pub barred: Vec<BarredCarry>,
     /// Whether the build came to its end; `false` when it was stopped and regions, spots or
     /// handoffs may be missing.
     pub complete: bool,

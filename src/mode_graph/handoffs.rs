@@ -75,7 +75,7 @@ fn every_hold(problem: &Problem, object: ObjectId, arm: &Arm) -> Vec<Hold> {
 }
 
 /// What is known while handoffs of one class are looked for.
-struct Finder<'a> {
+pub(super) struct Finder<'a> {
     reach: &'a mut dyn Reach,
     object: ObjectId,
     /// Whether a handoff backwards in time is a handoff: the giver's retreat is then the
@@ -88,6 +88,21 @@ struct Finder<'a> {
     /// By arm, the holds in which it may put one down.
     placeable: Vec<ArmHolds>,
     found: Vec<Handover>,
+}
+
+impl<'a> Finder<'a> {
+    /// Looks for handoffs of `object` between the `holds` by which it is taken up and put down.
+    pub(super) fn for_rest(reach: &'a mut dyn Reach, object: ObjectId, holds: &RestHolds) -> Self {
+        Self {
+            reach,
+            object,
+            is_mirrored: false,
+            all: Vec::new(),
+            obtained: holds.picked.clone(),
+            placeable: holds.placeable.clone(),
+            found: Vec::new(),
+        }
+    }
 }
 
 impl Finder<'_> {
@@ -129,7 +144,7 @@ impl Finder<'_> {
     }
 
     /// A handoff to a hold in which the receiver can put the object down.
-    fn ends_placed(&mut self, giver: ArmId, receiver: ArmId) -> Option<HandoffWitness> {
+    pub(super) fn ends_placed(&mut self, giver: ArmId, receiver: ArmId) -> Option<HandoffWitness> {
         loop {
             let (giving, taking) = (&self.obtained[giver.0].likely, &self.placeable[receiver.0].likely);
             if giving.is_empty() || taking.is_empty() {

@@ -8,6 +8,7 @@
 //! This room must not know planners: what can be grounded it learns through [`Reach`] only.
 
 mod build;
+mod carries;
 mod fingers;
 mod footprint;
 mod graph;
@@ -25,7 +26,7 @@ mod survey;
 
 pub use build::{ModeGraphOptions, build_mode_graph};
 pub use graph::{
-    GraphKind, ModeEdge, ModeGoal, ModeGraph, ModeNode, ModeObject, NodeConflict, Place, Placement, Region,
+    BarredCarry, GraphKind, ModeEdge, ModeGoal, ModeGraph, ModeNode, ModeObject, NodeConflict, Place, Placement, Region,
     Slot, Spot,
 };
 pub use optimistic::optimistic_mode_graph;

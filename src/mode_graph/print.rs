@@ -83,6 +83,18 @@ impl ModeGraph {
         for conflict in &self.conflicts {
             let _ = writeln!(out, "  {}: {}", conflict.capacity, names(&conflict.nodes));
         }
+        if !self.barred.is_empty() {
+            let _ = writeln!(out, "no grasps fit together");
+        }
+        for carry in &self.barred {
+            let arms = carry.carriers.iter().map(|arm| problem.workcell.arms[arm.0].id.as_str());
+            let _ = writeln!(
+                out,
+                "  {} from its start by {} to its goal",
+                problem.objects[carry.object.0].id,
+                arms.collect::<Vec<_>>().join(", then ")
+            );
+        }
         let _ = writeln!(out, "objects");
         for (object, model) in self.objects.iter().zip(&problem.objects) {
             let goal = match &object.goal {

@@ -120,7 +120,7 @@ impl Surveyor<'_> {
     /// is the one given; `None` when it can place it at none. A grasp at a symmetric pose is
     /// another grasp at the first one; only where that is none of the object's grasps the pose
     /// itself is asked about.
-    fn goal_holds(
+    pub(super) fn goal_holds(
         &mut self,
         arm: ArmId,
         object: ObjectId,

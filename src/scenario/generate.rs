@@ -222,7 +222,7 @@ fn workcell(layout: &Layout, robots: &[RobotKind]) -> Value {
         contacts.extend(robot.on_the_pedestal().iter().map(|link| json!([pedestal, format!("{id}/{link}")])));
         models.insert(robot.name().to_owned(), json!({ "urdf": format!("library:{}", robot.name()) }));
         let home: Map<String, Value> = robot
-            .home_deg()
+            .home_deg(layout.yaw().to_degrees())
             .iter()
             .enumerate()
             .map(|(joint, degrees)| (format!("joint_{}", joint + 1), json!(tidy(degrees.to_radians()))))

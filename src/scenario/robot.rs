@@ -28,12 +28,13 @@ impl RobotKind {
         }
     }
 
-    /// Home in generated cells (deg), joint after joint.
-    pub(super) fn home_deg(self) -> &'static [f64] {
+    /// Home in generated cells (deg), joint after joint, of an arm whose base is turned by `yaw` (deg).
+    pub(super) fn home_deg(self, yaw: f64) -> Vec<f64> {
         match self {
-            Self::Iiwa14 => &[0.0, -20.0, 0.0, -110.0, 0.0, 60.0, 0.0],
-            Self::UrType => &[180.0, -110.0, -120.0, -40.0, 90.0, 0.0],
-            Self::PandaType => &[0.0, -45.0, 0.0, -135.0, 0.0, 90.0, 45.0],
+            Self::Iiwa14 => vec![0.0, -20.0, 0.0, -110.0, 0.0, 60.0, 0.0],
+            // It is longer than the others, and leans away from both tables.
+            Self::UrType => vec![270.0 - yaw, -110.0, -120.0, -40.0, 90.0, 0.0],
+            Self::PandaType => vec![0.0, -45.0, 0.0, -135.0, 0.0, 90.0, 45.0],
         }
     }
 

@@ -1,7 +1,7 @@
 //! The mode graph with its compiled network, as the search reads it.
 
 use crate::geometry::Pose;
-use crate::guidance::{Instance, InstanceError, Network, NodeId};
+use crate::guidance::{InstanceError, Network, NodeId, instance_of};
 use crate::mode_graph::{ModeGraph, Place};
 use crate::problem::Problem;
 use crate::workcell::{ArmId, ObjectId, SurfaceId};
@@ -11,6 +11,8 @@ use crate::workcell::{ArmId, ObjectId, SurfaceId};
 pub struct Map {
     graph: ModeGraph,
     network: Network,
+    /// The node of the graph that each node of the network stands for.
+    stands_for: Vec<usize>,
 }
 
 impl Map {
@@ -19,8 +21,8 @@ impl Map {
     /// # Errors
     /// When the graph makes no sense as an instance of guidance.
     pub fn new(graph: ModeGraph) -> Result<Self, InstanceError> {
-        let network = Network::new(Instance::from(&graph))?;
-        Ok(Self { graph, network })
+        let (instance, stands_for) = instance_of(&graph);
+        Ok(Self { network: Network::new(instance)?, graph, stands_for })
     }
 
     /// The graph.
@@ -33,15 +35,20 @@ impl Map {
         &self.network
     }
 
+    /// The node of the graph that `node` stands for.
+    fn in_graph(&self, node: NodeId) -> usize {
+        self.stands_for.get(node.0).copied().unwrap_or(usize::MAX)
+    }
+
     /// The arm that `node` stands for, if it does.
     pub(super) fn arm(&self, node: NodeId) -> Option<ArmId> {
-        self.graph.arm_of(node.0)
+        self.graph.arm_of(self.in_graph(node))
     }
 
     /// Where `object` may be put down at `node`.
     pub(super) fn placements(&self, object: usize, node: NodeId) -> Vec<(Pose, SurfaceId)> {
         self.graph
-            .placements(ObjectId(object), node.0)
+            .placements(ObjectId(object), self.in_graph(node))
             .into_iter()
             .map(|placement| (placement.pose, placement.surface))
             .collect()
@@ -63,6 +70,6 @@ impl Map {
 
     /// A name of the node for people.
     pub(super) fn name(&self, node: NodeId, problem: &Problem) -> String {
-        self.graph.node_name(problem, node.0)
+        self.graph.node_name(problem, self.in_graph(node))
     }
 }

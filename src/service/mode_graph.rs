@@ -131,6 +131,11 @@ pub fn document(graph: &ModeGraph, problem: &Problem) -> Value {
         };
         json!({ "id": model.id, "class": object.class, "start": object.start, "goal": goal })
     });
+    let barred = graph.barred.iter().map(|carry| {
+        json!({
+            "object": object(Some(carry.object)), "arms": carry.carriers.iter().map(arm).collect::<Vec<_>>(),
+        })
+    });
     json!({
         "schema": "quadrille.mode_graph/1",
         "kind": match graph.kind { GraphKind::Guidance => "guidance", GraphKind::Optimistic => "optimistic" },
@@ -139,6 +144,7 @@ pub fn document(graph: &ModeGraph, problem: &Problem) -> Value {
         "edges": edges.collect::<Vec<_>>(),
         "conflicts": conflicts.collect::<Vec<_>>(),
         "objects": objects.collect::<Vec<_>>(),
+        "barred_carries": barred.collect::<Vec<_>>(),
     })
 }
 

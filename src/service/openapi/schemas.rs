@@ -236,6 +236,7 @@ fn rest() -> Vec<(&'static str, Value)> {
                 "complete": { "type": "boolean" }, "nodes": list(json!({ "type": "object" })),
                 "edges": list(json!({ "type": "object" })), "conflicts": list(json!({ "type": "object" })),
                 "objects": list(json!({ "type": "object" })),
+                "barred_carries": list(full(json!({ "object": text(), "arms": list(text()) }))),
             })),
         ),
         (
