@@ -142,7 +142,11 @@ fn blockers(network: &Network, state: &[u16], object: usize) -> Vec<usize> {
     let mut at = state[object] as usize;
     while let Some(next) = next_on_shortest(network, object, at) {
         for (other, &place) in state.iter().enumerate() {
-            if other != object && shares(network, next, place) && !found.contains(&other) {
+            let blocks = || {
+                let theirs = network.resources.get(place as usize);
+                network.crossing(at, next).any(|resource| theirs.contains(&resource))
+            };
+            if other != object && (shares(network, next, place) || blocks()) && !found.contains(&other) {
                 found.push(other);
             }
         }
@@ -184,9 +188,10 @@ fn walk(
             }
         }
     }
-    let free = |node: usize| {
-        let mut resources = network.resources.get(node).iter();
-        resources.all(|&resource| load[resource as usize] < network.capacities[resource as usize])
+    let free = |from: usize, to: usize| {
+        let entered = network.resources.get(to).iter().copied();
+        let mut drawn = entered.chain(network.crossing(from, to));
+        drawn.all(|resource| load[resource as usize] < network.capacities[resource as usize])
     };
     let graph = network.graph(object);
     let start = state[object];
@@ -206,7 +211,7 @@ fn walk(
         }
         let at = node as usize;
         for (&next, &weight) in graph.successors(at).iter().zip(graph.weights(at)) {
-            if !free(next as usize) {
+            if !free(at, next as usize) {
                 continue;
             }
             let toll = if cuts.is_empty() {
@@ -263,10 +268,11 @@ impl Guidance for Greedy {
                     wishes.push(Vec::new());
                 }
                 wishes[step].push(action);
-                let resources = network.resources.get(next);
-                let free = resources.iter().all(|&r| load[r as usize] < network.capacities[r as usize]);
+                let entered = network.resources.get(next).iter().copied();
+                let drawn = entered.chain(network.crossing(at, next));
+                let free = drawn.clone().all(|r| load[r as usize] < network.capacities[r as usize]);
                 if step == 0 && free && !takes_part(network, &immediate, action) {
-                    for &resource in resources {
+                    for resource in drawn {
                         load[resource as usize] += 1;
                     }
                     immediate.push(action);

@@ -1,7 +1,7 @@
 //! The independent checker of plans on the mode graph. It shares no code with the solvers: it
 //! replays a plan by the rules as [`Instance`] states them.
 
-use super::instance::{Instance, InstanceError, NodeId};
+use super::instance::{Block, Instance, InstanceError, NodeId};
 use super::solution::Solution;
 use thiserror::Error;
 
@@ -69,6 +69,16 @@ pub enum Violation {
         step: usize,
         /// The set.
         set: usize,
+    },
+    /// An action that something blocks.
+    #[error("step {step} moves object {object} past what stands at node {at}")]
+    Blocked {
+        /// The step.
+        step: usize,
+        /// The object.
+        object: usize,
+        /// Where it stands.
+        at: usize,
     },
     /// Goals are not met in the end.
     #[error("object {0} does not end at its goal")]
@@ -142,9 +152,18 @@ pub fn check(instance: &Instance, solution: &Solution) -> Result<(), Violation> 
                 return Err(Violation::OverConflict { step, set });
             }
         }
+        let mut after = state.clone();
         for action in moves {
-            state[action.object] = action.to;
+            after[action.object] = action.to;
         }
+        for action in moves {
+            let on_edge = |block: &&Block| (block.from, block.to) == (action.from, action.to);
+            let is_taken = |block: &&Block| state.contains(&block.at) || after.contains(&block.at);
+            if let Some(block) = instance.blocks.iter().filter(on_edge).find(is_taken) {
+                return Err(Violation::Blocked { step, object: action.object, at: block.at.0 });
+            }
+        }
+        state = after;
     }
     for (object, &node) in state.iter().enumerate() {
         if !instance.meets_goal(object, node) {

@@ -210,19 +210,19 @@ impl<'a> Exhaustive<'a> {
                     if comes_nearer != nearer || far(to) {
                         continue;
                     }
-                    let resources = network.resources.get(to as usize);
-                    let full =
-                        |&resource: &u16| load[resource as usize] >= network.capacities[resource as usize];
-                    if resources.iter().any(full) {
+                    let entered = network.resources.get(to as usize).iter().copied();
+                    let resources = entered.chain(network.crossing(node as usize, to as usize));
+                    let full = |resource: u16| load[resource as usize] >= network.capacities[resource as usize];
+                    if resources.clone().any(full) {
                         continue;
                     }
-                    for &resource in resources {
+                    for resource in resources.clone() {
                         load[resource as usize] += 1;
                     }
                     next[object] = to;
                     self.choose(state, object + 1, left, single, load, next, found);
                     next[object] = node;
-                    for &resource in resources {
+                    for resource in resources {
                         load[resource as usize] -= 1;
                     }
                 }

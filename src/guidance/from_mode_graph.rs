@@ -68,6 +68,7 @@ fn plain(graph: &ModeGraph) -> Instance {
         nodes: graph.nodes.iter().map(node).collect(),
         edges: graph.edges.iter().map(|edge| as_edge(edge, edge.from, edge.to, edge.class)).collect(),
         conflicts: conflicts.collect(),
+        blocks: Vec::new(),
         objects: objects.collect(),
     }
 }

@@ -58,7 +58,7 @@ impl Grid {
                 Object { start, goal: Goal::Nodes(vec![goal]), class: 0 }
             })
             .collect();
-        Instance { nodes, edges, conflicts: Vec::new(), objects }
+        Instance { nodes, edges, objects, ..Instance::default() }
     }
 
     /// Half of the objects on each table, to trade tables.
@@ -118,7 +118,7 @@ impl Grid {
                 }
             }
         }
-        Instance { nodes, edges, conflicts, objects: travellers }
+        Instance { nodes, edges, conflicts, objects: travellers, ..Instance::default() }
     }
 }
 
@@ -149,7 +149,7 @@ pub fn derangement(arms: usize, places: usize) -> Instance {
             class: 0,
         })
         .collect();
-    Instance { nodes, edges, conflicts: Vec::new(), objects }
+    Instance { nodes, edges, objects, ..Instance::default() }
 }
 
 fn both_ways(edges: &mut Vec<Edge>, arm: NodeId, placement: NodeId, weight: f64) {

@@ -5,7 +5,7 @@ use super::instance::{InstanceError, NodeId};
 use super::memo::Memo;
 use super::network::Network;
 use super::solution::{Answer, Certificate, Infeasible, Move, Solution};
-use super::solver::{Effort, solve_near};
+use super::solver::{Effort, solve, solve_near};
 use crate::run::{Control, Seed};
 
 /// The first action in a plan in which an arm takes part.
@@ -86,7 +86,8 @@ pub trait Guidance: std::fmt::Debug + Send + Sync {
 /// All objects together: the solver of [`super::solve`].
 #[derive(Debug, Clone)]
 pub struct Smart {
-    /// How hard to try from each new state.
+    /// How hard to try from each new state. Where that gives neither a plan nor a proof that there is
+    /// none, [`Effort::thorough`] follows.
     pub effort: Effort,
     /// For the random choices of the solver.
     pub seed: Seed,
@@ -110,7 +111,11 @@ impl Guidance for Smart {
             None => {
                 let hint = if cuts.is_empty() { None } else { memo.hint(network, state) };
                 let hint = hint.as_ref();
-                let answer = solve_near(network, state, cuts, &self.effort, self.seed, control, hint)?;
+                let mut answer = solve_near(network, state, cuts, &self.effort, self.seed, control, hint)?;
+                if matches!(answer, Answer::Unknown { .. }) && cuts.is_empty() && !control.should_stop() {
+                    // Better late than lost.
+                    answer = solve(network, state, cuts, &Effort::thorough(), self.seed, control)?;
+                }
                 memo.keep(state, &answer, cuts);
                 answer
             }

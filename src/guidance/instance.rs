@@ -57,6 +57,18 @@ pub struct ConflictSet {
     pub capacity: u32,
 }
 
+/// An action that cannot be done while anything is at some placement, before the step or after it:
+/// what stands there is in the way of the arm.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub struct Block {
+    /// The action's edge.
+    pub from: NodeId,
+    /// The action's edge.
+    pub to: NodeId,
+    /// Where nothing may be: a slot of capacity 1, and no end of the edge.
+    pub at: NodeId,
+}
+
 /// Where an object must end.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Goal {
@@ -84,7 +96,8 @@ pub struct Object {
 /// In a step every object stays where it is or takes one edge. An arm takes part in at most one
 /// action (a handoff is one action of both its arms) and holds at most one object. Wherever an
 /// object enters, what was there before the step and all that enters may not exceed the capacity
-/// of the node, nor of any [`ConflictSet`] around it. Nothing is asked of a node that nothing
+/// of the node, nor of any [`ConflictSet`] around it; and no action may be taken that a [`Block`]
+/// forbids while something is where it says. Nothing is asked of a node that nothing
 /// enters, so a start may be fuller than a capacity that was computed with a margin.
 ///
 /// A plan ends when all goals are met at once. Of two plans the one with fewer steps is better;
@@ -97,6 +110,8 @@ pub struct Instance {
     pub edges: Vec<Edge>,
     /// Placements that share room.
     pub conflicts: Vec<ConflictSet>,
+    /// What stands in the way of what.
+    pub blocks: Vec<Block>,
     /// The objects.
     pub objects: Vec<Object>,
 }
@@ -126,6 +141,9 @@ pub enum InstanceError {
     /// A conflict set that holds an arm and is not a set of the nodes of one arm.
     #[error("conflict set {0} holds an arm, but it is not the only set of the nodes of that arm, with capacity 1")]
     ArmInConflict(usize),
+    /// A block whose place is no slot of capacity 1, or an end of its edge.
+    #[error("block {0} names no slot of capacity 1 beside its action")]
+    BadBlock(usize),
     /// Two objects in one hand.
     #[error("the arm of node {0} holds more than one object")]
     HeldTwice(usize),
@@ -137,8 +155,8 @@ pub enum InstanceError {
         /// Number of objects.
         objects: usize,
     },
-    /// More nodes, conflict sets or objects than the solvers index.
-    #[error("the instance has more than {0} nodes, conflict sets or objects")]
+    /// More nodes, conflict sets and blocks, or objects than the solvers index.
+    #[error("the instance has more than {0} nodes, conflict sets and blocks, or objects")]
     TooLarge(usize),
 }
 
@@ -177,7 +195,7 @@ impl Instance {
     ///
     /// The first fault found, as an [`InstanceError`].
     pub fn validate(&self) -> Result<(), InstanceError> {
-        if self.nodes.len() > MOST || self.objects.len() > MOST || self.conflicts.len() > MOST {
+        if self.nodes.len() > MOST || self.objects.len() > MOST || self.conflicts.len() + self.blocks.len() > MOST {
             return Err(InstanceError::TooLarge(MOST));
         }
         for (index, node) in self.nodes.iter().enumerate() {
@@ -209,6 +227,16 @@ impl Instance {
             let inside = |node: NodeId| arms.contains(&node);
             if let Some(edge) = self.edges.iter().position(|edge| inside(edge.from) && inside(edge.to)) {
                 return Err(InstanceError::NotAnAction(edge));
+            }
+        }
+        for (index, block) in self.blocks.iter().enumerate() {
+            for node in [block.from, block.to, block.at] {
+                self.require("a block", node)?;
+            }
+            let at = self.nodes[block.at.0];
+            let is_slot = at.kind == NodeKind::Slot && at.capacity <= 1;
+            if !is_slot || [block.from, block.to].contains(&block.at) {
+                return Err(InstanceError::BadBlock(index));
             }
         }
         for object in &self.objects {

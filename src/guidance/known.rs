@@ -224,6 +224,7 @@ fn small() -> Instance {
         }
     }
     Instance {
+        blocks: Vec::new(),
         nodes: vec![
             node(NodeKind::Arm, 1),
             node(NodeKind::Slot, 1),
@@ -298,6 +299,11 @@ fn malformed_instances_are_refused() {
     assert_eq!(fault(&|i| i.edges[0].to = NodeId(0)), Some(InstanceError::NotAnAction(0)));
     assert_eq!(fault(&|i| i.edges[1].weight = f64::NAN), Some(InstanceError::BadWeight(1)));
     assert_eq!(fault(&|i| i.conflicts[0].nodes.push(NodeId(0))), Some(InstanceError::ArmInConflict(0)));
+    let block = |at| Block { from: NodeId(0), to: NodeId(2), at: NodeId(at) };
+    assert_eq!(fault(&|i| i.blocks.push(block(1))), None);
+    for at in [0, 2, 3] {
+        assert_eq!(fault(&|i| i.blocks.push(block(at))), Some(InstanceError::BadBlock(0)));
+    }
     let one_arm = |capacity| ConflictSet { nodes: vec![NodeId(0)], capacity };
     assert_eq!(fault(&|i| i.conflicts.push(one_arm(1))), None);
     assert_eq!(fault(&|i| i.conflicts.push(one_arm(2))), Some(InstanceError::ArmInConflict(1)));

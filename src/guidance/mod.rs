@@ -40,7 +40,7 @@ pub use from_mode_graph::instance_of;
 pub use cuts::{Cut, CutKind, Cuts};
 pub use guide::{Advice, ArmAction, Guidance, Guide, Smart};
 pub use instance::{
-    ConflictSet, Edge, Goal, Instance, InstanceError, ModeState, Node, NodeId, NodeKind, Object,
+    Block, ConflictSet, Edge, Goal, Instance, InstanceError, ModeState, Node, NodeId, NodeKind, Object,
 };
 pub use memo::Memo;
 pub use network::Network;

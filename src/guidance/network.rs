@@ -93,6 +93,8 @@ pub struct Network {
     pub(super) capacities: Vec<u16>,
     /// Which of them each node draws on.
     pub(super) resources: Lists,
+    /// By node, what taking an edge from there draws on in the step: (where to, resource).
+    crossings: Vec<Vec<(u16, u16)>>,
 }
 
 /// Largest scaled weight of one edge.
@@ -139,8 +141,8 @@ impl Network {
             });
             kind_of.push(kind);
         }
-        let (capacities, resources) = limited_resources(&instance);
-        Ok(Self { is_arm, arms, arm_number, graphs, kinds, kind_of, capacities, resources, instance })
+        let Limited { capacities, resources, crossings } = limited_resources(&instance);
+        Ok(Self { is_arm, arms, arm_number, graphs, kinds, kind_of, capacities, resources, crossings, instance })
     }
 
     /// The instance.
@@ -177,6 +179,18 @@ impl Network {
     /// Fewest edges from `node` to the goal of `object`, if it were alone.
     pub(super) fn to_goal(&self, object: usize, node: usize) -> u16 {
         self.kind(object).to_goal[node]
+    }
+
+    /// Whether any edge from `node` draws on more than its ends do.
+    pub(super) fn has_crossings(&self, node: usize) -> bool {
+        !self.crossings[node].is_empty()
+    }
+
+    /// The resources beyond those of `to` that taking the edge from `from` to `to` draws on in its
+    /// step.
+    pub(super) fn crossing(&self, from: usize, to: usize) -> impl Iterator<Item = u16> + Clone {
+        let of_edge = move |&&(end, _): &&(u16, u16)| usize::from(end) == to;
+        self.crossings[from].iter().filter(of_edge).map(|&(_, resource)| resource)
     }
 
     /// Sum of the scaled weights along a route.
@@ -312,8 +326,15 @@ pub(super) fn distances<'a>(sources: &[u16], count: usize, next: impl Fn(usize) 
     distance
 }
 
+/// What a network's nodes and edges draw on.
+struct Limited {
+    capacities: Vec<u16>,
+    resources: Lists,
+    crossings: Vec<Vec<(u16, u16)>>,
+}
+
 /// A node or conflict set limits something only if there are more objects than it holds.
-fn limited_resources(instance: &Instance) -> (Vec<u16>, Lists) {
+fn limited_resources(instance: &Instance) -> Limited {
     let objects = instance.objects.len();
     let mut capacities = Vec::new();
     let mut of_node: Vec<Vec<u16>> = vec![Vec::new(); instance.nodes.len()];
@@ -339,9 +360,34 @@ fn limited_resources(instance: &Instance) -> (Vec<u16>, Lists) {
             capacities.push(set.capacity as u16);
         }
     }
+    // A block is a resource for one, drawn on by who is at its place and by who takes its edge. Edges
+    // of which one at most can be taken in a step share it.
+    let starts = |node: NodeId| instance.objects.iter().filter(|object| object.start == node).count();
+    let is_single = |node: NodeId| {
+        let data = &instance.nodes[node.0];
+        data.kind == NodeKind::Slot && data.capacity <= 1 && starts(node) <= 1
+    };
+    let mut crossings: Vec<Vec<(u16, u16)>> = vec![Vec::new(); instance.nodes.len()];
+    let mut blocks: BTreeMap<(NodeId, Option<NodeId>, Option<NodeId>), u16> = BTreeMap::new();
+    for block in instance.blocks.iter().filter(|_| objects > 1) {
+        let key = match (is_single(block.from), is_single(block.to)) {
+            (true, _) => (block.at, Some(block.from), None),
+            (false, true) => (block.at, None, Some(block.to)),
+            (false, false) => (block.at, Some(block.from), Some(block.to)),
+        };
+        let resource = *blocks.entry(key).or_insert_with(|| {
+            of_node[block.at.0].push(capacities.len() as u16);
+            capacities.push(1);
+            capacities.len() as u16 - 1
+        });
+        let crossing = (block.to.0 as u16, resource);
+        if !crossings[block.from.0].contains(&crossing) {
+            crossings[block.from.0].push(crossing);
+        }
+    }
     let mut resources = Lists::default();
     for list in of_node {
         resources.push(list);
     }
-    (capacities, resources)
+    Limited { capacities, resources, crossings }
 }

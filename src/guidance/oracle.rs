@@ -63,7 +63,12 @@ fn is_legal(instance: &Instance, before: &ModeState, after: &ModeState) -> bool 
             return false;
         }
     }
-    instance.conflicts.iter().all(|set| {
+    let is_blocked = moved.iter().any(|&object| {
+        let blocks = instance.blocks.iter();
+        let mut mine = blocks.filter(|b| (b.from, b.to) == (before[object], after[object]));
+        mine.any(|block| before.contains(&block.at) || after.contains(&block.at))
+    });
+    !is_blocked && instance.conflicts.iter().all(|set| {
         let held = before.iter().filter(|at| set.nodes.contains(at)).count();
         let enters = moved.iter().filter(|&&object| set.nodes.contains(&after[object])).count();
         enters == 0 || held + enters <= set.capacity as usize
@@ -76,6 +81,7 @@ pub(super) fn random_instance(rng: &mut Rng) -> Instance {
     let arms = rng.random_range(1..=3);
     let placements = rng.random_range(2..=4);
     let loose = rng.random_ratio(1, 2);
+    let blocking = rng.random_ratio(1, 2);
     let mut nodes = vec![Node { kind: NodeKind::Arm, capacity: 1 }; arms];
     for _ in 0..placements {
         let slot = rng.random_ratio(2, 3);
@@ -141,7 +147,15 @@ pub(super) fn random_instance(rng: &mut Rng) -> Instance {
         };
         objects.push(Object { start, goal, class: rng.random_range(0..2) });
     }
-    Instance { nodes, edges, conflicts, objects }
+    let mut blocks: Vec<Block> = Vec::new();
+    for edge in &edges {
+        let at = NodeId(rng.random_range(arms..nodes.len()));
+        let is_slot = nodes[at.0].kind == NodeKind::Slot;
+        if blocking && is_slot && at != edge.from && at != edge.to && rng.random_ratio(1, 4) {
+            blocks.push(Block { from: edge.from, to: edge.to, at });
+        }
+    }
+    Instance { nodes, edges, conflicts, blocks, objects }
 }
 
 /// What a run over many instances came to.
@@ -314,9 +328,9 @@ fn smart_guidance_leads_to_the_goal_in_the_steps_it_promises() {
         let mut memo = Memo::new();
         let mut state = instance.start();
         loop {
-            let Ok(Advice::Go(guide)) = smart.guide(&network, &state, &Cuts::none(), &mut memo, &control)
-            else {
-                panic!("no way from {state:?} of {instance:?}");
+            let advice = smart.guide(&network, &state, &Cuts::none(), &mut memo, &control);
+            let Ok(Advice::Go(guide)) = advice else {
+                panic!("{advice:?} from {state:?} of {instance:?}");
             };
             check(&instance, &guide.solution).unwrap();
             assert_eq!(guide.solution.start, state);

@@ -194,7 +194,8 @@ impl Program {
                             draws[step * width + resource as usize].push((column, 1.0));
                         }
                         if to != node {
-                            for &resource in network.resources.get(to as usize) {
+                            let entered = network.resources.get(to as usize).iter().copied();
+                            for resource in entered.chain(network.crossing(node as usize, to as usize)) {
                                 draws[step * width + resource as usize].push((column, 1.0));
                                 enters[step * width + resource as usize].push((column, 1.0));
                             }

@@ -166,6 +166,11 @@ impl Relaxation {
                     self.surplus[step * self.width + resource as usize] += size;
                 }
             }
+            if before != node {
+                for resource in network.crossing(before as usize, node as usize) {
+                    self.surplus[step * self.width + resource as usize] += size;
+                }
+            }
             node = before;
         }
     }
@@ -193,6 +198,7 @@ impl Relaxation {
             let reached = &mut open[0];
             let remaining = (horizon - step - 1) as u16;
             let row = &self.node_price[step * count..(step + 1) * count];
+            let prices = &self.price[step * self.width..(step + 1) * self.width];
             let priced = |node: usize| -> i64 {
                 if kind.stands_in[node] && node != start as usize { 0 } else { row[node] }
             };
@@ -214,9 +220,15 @@ impl Relaxation {
                 if kind.to_goal[node as usize] <= remaining {
                     offer(node, base);
                 }
+                let crosses = network.has_crossings(node as usize);
                 for &next in graph.successors(node as usize) {
                     if kind.to_goal[next as usize] <= remaining {
-                        offer(next, base + priced(next as usize));
+                        let mut cost = base + priced(next as usize);
+                        if crosses {
+                            let drawn = network.crossing(node as usize, next as usize);
+                            cost += drawn.map(|resource| prices[resource as usize]).sum::<i64>();
+                        }
+                        offer(next, cost);
                     }
                 }
             }

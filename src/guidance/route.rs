@@ -119,6 +119,9 @@ impl RouteSearch {
                         self.entered.push(next as u16);
                     }
                     cost += self.entry[next] + jitter(noise, node, next, step);
+                    if network.has_crossings(node) {
+                        cost += CONFLICT * timetable.crossing(network, node, next, step);
+                    }
                     if tolled {
                         cost += TOLL * tolls.of_move(object, node, next, step);
                     }

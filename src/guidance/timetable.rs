@@ -45,7 +45,8 @@ impl Timetable {
                 self.load[cell] = self.load[cell].wrapping_add(sign);
             }
             if pair[0] != pair[1] {
-                for &resource in network.resources.get(pair[1] as usize) {
+                let entered = network.resources.get(pair[1] as usize).iter().copied();
+                for resource in entered.chain(network.crossing(pair[0] as usize, pair[1] as usize)) {
                     let cell = row + resource as usize;
                     self.load[cell] = self.load[cell].wrapping_add(sign);
                     self.enters[cell] = self.enters[cell].wrapping_add(sign);
@@ -115,8 +116,17 @@ impl Timetable {
 
     /// Price of entering `node` in `step`, on top of the routes entered.
     pub(super) fn entry(&self, network: &Network, node: usize, step: usize) -> u64 {
+        self.draw(network, network.resources.get(node).iter().copied(), step)
+    }
+
+    /// Price of taking an edge in `step` beyond that of entering its end.
+    pub(super) fn crossing(&self, network: &Network, from: usize, to: usize, step: usize) -> u64 {
+        self.draw(network, network.crossing(from, to), step)
+    }
+
+    fn draw(&self, network: &Network, resources: impl Iterator<Item = u16>, step: usize) -> u64 {
         let mut sum = 0;
-        for &resource in network.resources.get(node) {
+        for resource in resources {
             let cell = step * self.width + resource as usize;
             let capacity = network.capacities[resource as usize];
             if self.load[cell] >= capacity {
@@ -131,8 +141,10 @@ impl Timetable {
     /// Whether a route draws on `resource` in `step`.
     pub(super) fn draws(network: &Network, route: &[u16], step: usize, resource: usize) -> bool {
         let resource = resource as u16;
-        network.resources.get(route[step] as usize).contains(&resource)
-            || network.resources.get(route[step + 1] as usize).contains(&resource)
+        let (from, to) = (route[step] as usize, route[step + 1] as usize);
+        network.resources.get(from).contains(&resource)
+            || network.resources.get(to).contains(&resource)
+            || from != to && network.crossing(from, to).any(|drawn| drawn == resource)
     }
 }
 
