@@ -212,7 +212,8 @@ impl<'a> Exhaustive<'a> {
                     }
                     let entered = network.resources.get(to as usize).iter().copied();
                     let resources = entered.chain(network.crossing(node as usize, to as usize));
-                    let full = |resource: u16| load[resource as usize] >= network.capacities[resource as usize];
+                    let full =
+                        |resource: u16| load[resource as usize] >= network.capacities[resource as usize];
                     if resources.clone().any(full) {
                         continue;
                     }

@@ -1,16 +1,19 @@
 //! Mode graphs as instances: node for node, with the same numbers, and further nodes for hands that
 //! hold an object as they took it at its start.
 //!
-//! A [`BarredCarry`] is no matter of single edges. So each object that has some gets nodes of its own
-//! for the arms concerned, which say where it came from: a *first* hand, that picked it at its start
-//! and cannot place it at the goal, or cannot hand it on to every arm, and a *second* hand, that got
-//! it from such a one and cannot place it at the goal. All nodes of one arm share its capacity. Once
-//! the object was put down or went on to a third arm, the plain nodes stand for it again.
+//! That a carry is barred, or that something is in its way, is no matter of single edges. So each object
+//! that has such carries gets nodes of its own for the arms concerned, which say where it came from: a
+//! *first* hand, that picked it at its start and cannot place it at the goal, or cannot hand it on to
+//! every arm, and a *second* hand, that got it from such a one and cannot place it at the goal. A carry
+//! that is possible while nothing is in its way has hands that can do nothing else. All nodes of one arm
+//! share its capacity. Once the object was put down or went on to a third arm, the plain nodes stand
+//! for it again.
 
 use std::collections::BTreeMap;
 
-use super::instance::{ConflictSet, Edge, Goal, Instance, Node, NodeId, NodeKind, Object};
-use crate::mode_graph::{BarredCarry, ModeEdge, ModeGoal, ModeGraph, Place};
+use super::instance::{Block, ConflictSet, Edge, Goal, Instance, Node, NodeId, NodeKind, Object};
+use crate::mode_graph::{Blockage, BlockedPart, ModeEdge, ModeGoal, ModeGraph, Place, RestAction};
+use crate::workcell::{ArmId, ObjectId};
 
 /// The instance of a mode graph, and which node of the graph each of its nodes stands for: node `n` of
 /// the graph is `NodeId(n)`, nodes beyond are hands. Object `o` is object `o`.
@@ -18,9 +21,13 @@ pub fn instance_of(graph: &ModeGraph) -> (Instance, Vec<usize>) {
     let mut instance = plain(graph);
     let mut stands_for: Vec<usize> = (0..graph.nodes.len()).collect();
     let mut hands: BTreeMap<usize, Vec<NodeId>> = BTreeMap::new();
-    for barred in graph.barred.chunk_by(|a, b| a.object == b.object) {
-        let Some(refined) = Refined::new(graph, barred) else { continue };
-        refined.enter(graph, &mut instance, &mut stands_for, &mut hands);
+    for object in 0..graph.objects.len() {
+        if let Some(refined) = Refined::new(graph, object) {
+            refined.enter(graph, &mut instance, &mut stands_for, &mut hands);
+        }
+    }
+    for blockage in &graph.blockages {
+        block_contact(graph, blockage, &mut instance, &stands_for);
     }
     for (arm, mut nodes) in hands {
         nodes.push(NodeId(arm));
@@ -52,10 +59,10 @@ fn plain(graph: &ModeGraph) -> Instance {
         },
         capacity: count(node.capacity),
     };
-    let conflicts = graph.conflicts.iter().map(|conflict| ConflictSet {
-        nodes: ids(&conflict.nodes),
-        capacity: count(conflict.capacity),
-    });
+    let conflicts = graph
+        .conflicts
+        .iter()
+        .map(|conflict| ConflictSet { nodes: ids(&conflict.nodes), capacity: count(conflict.capacity) });
     let objects = graph.objects.iter().map(|object| Object {
         start: NodeId(object.start),
         goal: match &object.goal {
@@ -77,34 +84,82 @@ fn as_edge(edge: &ModeEdge, from: usize, to: usize, class: usize) -> Edge {
     Edge { from: NodeId(from), to: NodeId(to), weight: edge.weight, class: Some(class) }
 }
 
-/// An object with barred carries.
+/// Blocks a whole pick or place, whatever comes after or came before it.
+fn block_contact(graph: &ModeGraph, blockage: &Blockage, instance: &mut Instance, stands_for: &[usize]) {
+    let (BlockedPart::Contact(action, arm), Some(object)) =
+        (&blockage.part, graph.objects.get(blockage.object.0))
+    else {
+        return;
+    };
+    let rest = match (action, &object.goal) {
+        (RestAction::Pick, _) => Some(object.start),
+        (RestAction::Place, ModeGoal::Nodes(goals)) => goals.first().copied(),
+        (RestAction::Place, ModeGoal::AnyPlacement) => None,
+    };
+    let is_it = |edge: &&Edge| {
+        let (placement, hand) = match action {
+            RestAction::Pick => (edge.from, edge.to),
+            RestAction::Place => (edge.to, edge.from),
+        };
+        Some(placement.0) == rest && stands_for.get(hand.0) == Some(&graph.arm_node(*arm))
+    };
+    let mut ends: Vec<(NodeId, NodeId)> =
+        instance.edges.iter().filter(is_it).map(|edge| (edge.from, edge.to)).collect();
+    ends.sort_unstable();
+    ends.dedup();
+    let at = NodeId(blockage.at);
+    instance.blocks.extend(ends.into_iter().map(|(from, to)| Block { from, to, at }));
+}
+
+/// An object of which some carries are special.
 struct Refined<'a> {
     object: usize,
     class: usize,
     start: usize,
     goal: usize,
-    barred: &'a [BarredCarry],
+    barred: Vec<&'a [ArmId]>,
+    /// Carries that something may be in the way of, with what is in the way of their picks and places.
+    guarded: BTreeMap<&'a [ArmId], Vec<(RestAction, usize)>>,
 }
 
 impl<'a> Refined<'a> {
-    /// `None` where start or goal are no nodes of their own.
-    fn new(graph: &ModeGraph, barred: &'a [BarredCarry]) -> Option<Self> {
-        let id = barred.first()?.object;
-        let object = graph.objects.get(id.0)?;
+    /// `None` where nothing is special, or where start or goal are no nodes of their own.
+    fn new(graph: &'a ModeGraph, index: usize) -> Option<Self> {
+        let id = ObjectId(index);
+        let mine = graph.barred.iter().filter(|carry| carry.object == id);
+        let barred: Vec<&[ArmId]> = mine.map(|carry| carry.carriers.as_slice()).collect();
+        let mut guarded: BTreeMap<&[ArmId], Vec<(RestAction, usize)>> = BTreeMap::new();
+        for blockage in graph.blockages.iter().filter(|blockage| blockage.object == id) {
+            if let BlockedPart::Carry(action, carriers) = &blockage.part {
+                guarded.entry(carriers).or_default().push((*action, blockage.at));
+            }
+        }
+        if barred.is_empty() && guarded.is_empty() {
+            return None;
+        }
+        let object = graph.objects.get(index)?;
         let ModeGoal::Nodes(goals) = &object.goal else { return None };
         let &[goal] = goals.as_slice() else { return None };
-        let is_own = |node: usize, of: fn(&crate::mode_graph::Slot) -> Option<crate::workcell::ObjectId>| {
-            matches!(&graph.nodes.get(node)?.place, Place::Slot(slot) if of(slot) == Some(id)).then_some(())
+        let slot = |node: usize| match &graph.nodes.get(node)?.place {
+            Place::Slot(slot) => Some(slot),
+            _ => None,
         };
-        is_own(goal, |slot| slot.goal_of)?;
-        if graph.arm_of(object.start).is_none() {
-            is_own(object.start, |slot| slot.start_of)?;
-        }
-        Some(Self { object: id.0, class: object.class, start: object.start, goal, barred })
+        let is_own_goal = slot(goal)?.goal_of == Some(id);
+        let is_own_start = graph.arm_of(object.start).is_some() || slot(object.start)?.start_of == Some(id);
+        (is_own_goal && is_own_start).then_some(Self {
+            object: index,
+            class: object.class,
+            start: object.start,
+            goal,
+            barred,
+            guarded,
+        })
     }
 
-    fn is_barred(&self, carriers: &[usize]) -> bool {
-        self.barred.iter().any(|carry| carry.carriers.iter().map(|arm| arm.0).eq(carriers.iter().copied()))
+    /// Whether the carry is closed to objects that are held in no special way.
+    fn is_special(&self, carriers: &[usize]) -> bool {
+        let same = |carry: &&[ArmId]| carry.iter().map(|arm| arm.0).eq(carriers.iter().copied());
+        self.barred.iter().any(same) || self.guarded.keys().any(|carry| same(carry))
     }
 
     /// Gives the object a class of its own, with edges by way of hands.
@@ -116,9 +171,10 @@ impl<'a> Refined<'a> {
         hands: &mut BTreeMap<usize, Vec<NodeId>>,
     ) {
         let class = 1 + instance.objects.iter().map(|object| object.class).max().unwrap_or(0);
+        let mut nodes = std::mem::take(&mut instance.nodes);
         let mut add = |arm: usize| {
-            let node = instance.nodes.len();
-            instance.nodes.push(Node { kind: NodeKind::Arm, capacity: 1 });
+            let node = nodes.len();
+            nodes.push(Node { kind: NodeKind::Arm, capacity: 1 });
             stands_for.push(arm);
             hands.entry(arm).or_default().push(NodeId(node));
             node
@@ -126,11 +182,11 @@ impl<'a> Refined<'a> {
         // By arm, the hand that holds the object as it was taken at its start, and the one that got it
         // from such a one.
         let (mut first, mut second) = (BTreeMap::new(), BTreeMap::new());
-        for carry in self.barred {
-            if let Some(arm) = carry.carriers.first() {
+        for carry in self.barred.iter().chain(self.guarded.keys()) {
+            if let Some(arm) = carry.first() {
                 first.entry(arm.0).or_insert_with(|| add(arm.0));
             }
-            if let Some(arm) = carry.carriers.get(1) {
+            if let Some(arm) = carry.get(1) {
                 second.entry(arm.0).or_insert_with(|| add(arm.0));
             }
         }
@@ -144,11 +200,11 @@ impl<'a> Refined<'a> {
         }
         for (&arm, &hand) in &first {
             for edge in own.iter().filter(|edge| edge.from == arm) {
-                if edge.to == self.goal && self.is_barred(&[arm]) {
+                if edge.to == self.goal && self.is_special(&[arm]) {
                     continue;
                 }
                 let to = match second.get(&edge.to) {
-                    Some(&receiver) if self.is_barred(&[arm, edge.to]) => receiver,
+                    Some(&receiver) if self.is_special(&[arm, edge.to]) => receiver,
                     _ => edge.to,
                 };
                 instance.edges.push(as_edge(edge, hand, to, class));
@@ -159,6 +215,31 @@ impl<'a> Refined<'a> {
                 instance.edges.push(as_edge(edge, hand, edge.to, class));
             }
         }
+        // A guarded carry has hands of its own, all the way.
+        for (carriers, guards) in &self.guarded {
+            let own_edge = |from: usize, to: usize| own.iter().find(|e| (e.from, e.to) == (from, to));
+            // One that is held from the start on sets out from its first hand.
+            let in_hand = usize::from(graph.arm_of(self.start).is_some());
+            let mut way = vec![self.start];
+            way.extend(carriers.iter().skip(in_hand).map(|arm| arm.0));
+            way.push(self.goal);
+            let edges: Option<Vec<_>> = way.windows(2).map(|ends| own_edge(ends[0], ends[1])).collect();
+            let Some(edges) = edges else { continue };
+            let mut at = vec![first.get(&self.start).copied().unwrap_or(self.start)];
+            at.extend(carriers.iter().skip(in_hand).map(|arm| add(arm.0)));
+            at.push(self.goal);
+            for (edge, ends) in edges.iter().zip(at.windows(2)) {
+                instance.edges.push(as_edge(edge, ends[0], ends[1], class));
+            }
+            for &(action, blocker) in guards {
+                let (from, to) = match action {
+                    RestAction::Pick => (at[0], at[1]),
+                    RestAction::Place => (at[at.len() - 2], at[at.len() - 1]),
+                };
+                instance.blocks.push(Block { from: NodeId(from), to: NodeId(to), at: NodeId(blocker) });
+            }
+        }
+        instance.nodes = nodes;
         if let Some(object) = instance.objects.get_mut(self.object) {
             object.class = class;
             if let Some(&hand) = first.get(&self.start) {

@@ -139,7 +139,9 @@ pub enum InstanceError {
     #[error("edge {0} has a weight that is negative or not finite")]
     BadWeight(usize),
     /// A conflict set that holds an arm and is not a set of the nodes of one arm.
-    #[error("conflict set {0} holds an arm, but it is not the only set of the nodes of that arm, with capacity 1")]
+    #[error(
+        "conflict set {0} holds an arm, but it is not the only set of the nodes of that arm, with capacity 1"
+    )]
     ArmInConflict(usize),
     /// A block whose place is no slot of capacity 1, or an end of its edge.
     #[error("block {0} names no slot of capacity 1 beside its action")]
@@ -195,7 +197,10 @@ impl Instance {
     ///
     /// The first fault found, as an [`InstanceError`].
     pub fn validate(&self) -> Result<(), InstanceError> {
-        if self.nodes.len() > MOST || self.objects.len() > MOST || self.conflicts.len() + self.blocks.len() > MOST {
+        if self.nodes.len() > MOST
+            || self.objects.len() > MOST
+            || self.conflicts.len() + self.blocks.len() > MOST
+        {
             return Err(InstanceError::TooLarge(MOST));
         }
         for (index, node) in self.nodes.iter().enumerate() {

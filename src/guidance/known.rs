@@ -307,7 +307,10 @@ fn malformed_instances_are_refused() {
     let one_arm = |capacity| ConflictSet { nodes: vec![NodeId(0)], capacity };
     assert_eq!(fault(&|i| i.conflicts.push(one_arm(1))), None);
     assert_eq!(fault(&|i| i.conflicts.push(one_arm(2))), Some(InstanceError::ArmInConflict(1)));
-    assert_eq!(fault(&|i| i.conflicts.extend([one_arm(1), one_arm(1)])), Some(InstanceError::ArmInConflict(2)));
+    assert_eq!(
+        fault(&|i| i.conflicts.extend([one_arm(1), one_arm(1)])),
+        Some(InstanceError::ArmInConflict(2))
+    );
     assert_eq!(
         fault(&|i| i.objects.iter_mut().for_each(|object| object.start = NodeId(0))),
         Some(InstanceError::HeldTwice(0))

@@ -36,8 +36,8 @@ mod timetable;
 
 pub use baselines::{Greedy, Sequential};
 pub use check::{Violation, check};
-pub use from_mode_graph::instance_of;
 pub use cuts::{Cut, CutKind, Cuts};
+pub use from_mode_graph::instance_of;
 pub use guide::{Advice, ArmAction, Guidance, Guide, Smart};
 pub use instance::{
     Block, ConflictSet, Edge, Goal, Instance, InstanceError, ModeState, Node, NodeId, NodeKind, Object,

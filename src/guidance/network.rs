@@ -142,7 +142,18 @@ impl Network {
             kind_of.push(kind);
         }
         let Limited { capacities, resources, crossings } = limited_resources(&instance);
-        Ok(Self { is_arm, arms, arm_number, graphs, kinds, kind_of, capacities, resources, crossings, instance })
+        Ok(Self {
+            is_arm,
+            arms,
+            arm_number,
+            graphs,
+            kinds,
+            kind_of,
+            capacities,
+            resources,
+            crossings,
+            instance,
+        })
     }
 
     /// The instance.
@@ -236,9 +247,8 @@ fn arms(instance: &Instance, is_arm: &[bool]) -> (Vec<Vec<u16>>, Vec<usize>) {
             continue;
         }
         let set = instance.conflicts.iter().find(|set| set.nodes.contains(&NodeId(node)));
-        let mut nodes: Vec<u16> = set.map_or(vec![node as u16], |set| {
-            set.nodes.iter().map(|node| node.0 as u16).collect()
-        });
+        let mut nodes: Vec<u16> =
+            set.map_or(vec![node as u16], |set| set.nodes.iter().map(|node| node.0 as u16).collect());
         nodes.sort_unstable();
         nodes.dedup();
         nodes.iter().for_each(|&node| number[node as usize] = arms.len());

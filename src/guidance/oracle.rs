@@ -68,11 +68,12 @@ fn is_legal(instance: &Instance, before: &ModeState, after: &ModeState) -> bool 
         let mut mine = blocks.filter(|b| (b.from, b.to) == (before[object], after[object]));
         mine.any(|block| before.contains(&block.at) || after.contains(&block.at))
     });
-    !is_blocked && instance.conflicts.iter().all(|set| {
-        let held = before.iter().filter(|at| set.nodes.contains(at)).count();
-        let enters = moved.iter().filter(|&&object| set.nodes.contains(&after[object])).count();
-        enters == 0 || held + enters <= set.capacity as usize
-    })
+    !is_blocked
+        && instance.conflicts.iter().all(|set| {
+            let held = before.iter().filter(|at| set.nodes.contains(at)).count();
+            let enters = moved.iter().filter(|&&object| set.nodes.contains(&after[object])).count();
+            enters == 0 || held + enters <= set.capacity as usize
+        })
 }
 
 /// A small random instance: any mixture of tight and loose capacities, held starts, absent, exact and
@@ -339,9 +340,11 @@ fn smart_guidance_leads_to_the_goal_in_the_steps_it_promises() {
             for first in &guide.heuristic {
                 let action = &guide.solution.steps[first.step - 1];
                 assert!(action.contains(&first.action));
-                assert!([first.action.from, first.action.to].iter().any(|node| {
-                    network.arm_number[node.0] == network.arm_number[first.arm.0]
-                }));
+                assert!(
+                    [first.action.from, first.action.to]
+                        .iter()
+                        .any(|node| { network.arm_number[node.0] == network.arm_number[first.arm.0] })
+                );
             }
             if guide.immediate.is_empty() {
                 break;

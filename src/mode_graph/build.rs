@@ -7,9 +7,10 @@ use crate::problem::{GoalPlacement, InitialPlacement, Problem};
 use crate::run::Control;
 use crate::workcell::{ArmId, ObjectId, SurfaceId};
 
-use super::carries::barred_carries;
+use super::carries::Carries;
 use super::graph::{
-    BarredCarry, GraphKind, ModeEdge, ModeGoal, ModeGraph, ModeNode, ModeObject, NodeConflict, Place, Region, Slot,
+    Blockage, GraphKind, ModeEdge, ModeGoal, ModeGraph, ModeNode, ModeObject, NodeConflict, Place, Region,
+    Slot,
 };
 use super::handoffs::{Handover, handoffs};
 use super::holds::RestHolds;
@@ -58,7 +59,7 @@ struct Survey {
     slots: Slots,
     slot_reach: Vec<SlotReach>,
     classes: BTreeMap<usize, ClassSurvey>,
-    barred: Vec<BarredCarry>,
+    carries: Carries,
 }
 
 /// Builds the graph that guides `problem`.
@@ -103,13 +104,13 @@ pub fn build_mode_graph(
         surveyor.complete &= complete;
         surveys.insert(class, ClassSurvey { groups, handovers });
     }
-    let mut barred = Vec::new();
+    let mut carries = Carries::default();
     for (object, model) in problem.objects.iter().enumerate() {
         let handovers = surveys.get(&model.class).map_or(&[][..], |survey| &survey.handovers);
-        barred.extend(barred_carries(&mut surveyor, &slots, &slot_reach, handovers, ObjectId(object)));
+        carries.look_at(&mut surveyor, &slots, &slot_reach, handovers, ObjectId(object));
     }
     let complete = surveyor.complete;
-    let survey = Survey { slots, slot_reach, classes: surveys, barred };
+    let survey = Survey { slots, slot_reach, classes: surveys, carries };
     assemble(problem, survey, complete, options.merge_goals)
 }
 
@@ -129,12 +130,11 @@ fn wanted_spots(problem: &Problem, class: usize, surface: SurfaceId, options: &M
 
 /// Puts nodes, edges and conflicts together.
 fn assemble(problem: &Problem, survey: Survey, complete: bool, merge_goals: bool) -> ModeGraph {
-    let Survey { slots, slot_reach, classes: surveys, mut barred } = survey;
-    barred.sort();
+    let Survey { slots, slot_reach, classes: surveys, carries } = survey;
     let overlaps = slots.overlaps(problem, problem.options.clearance_m, false);
     let mut nodes = arm_nodes(problem);
     // Which region a slot merges into, and each region's place in the list of nodes.
-    let merged = merged_slots(problem, &slots, &overlaps, &surveys, &barred, merge_goals);
+    let merged = merged_slots(problem, &slots, &overlaps, &surveys, &carries, merge_goals);
     let mut slot_node: Vec<Option<usize>> = vec![None; slots.slots.len()];
     for (number, slot) in slots.slots.iter().enumerate() {
         if merged[number].is_none() {
@@ -187,7 +187,14 @@ fn assemble(problem: &Problem, survey: Survey, complete: bool, merge_goals: bool
         .collect::<Option<Vec<_>>>();
     // Every start has its slot, and every slot its node.
     let objects = objects.unwrap_or_default();
-    ModeGraph { kind: GraphKind::Guidance, nodes, edges, conflicts, objects, barred, complete }
+    let Carries { mut barred, obstacles } = carries;
+    barred.sort();
+    let mut blockages: Vec<Blockage> = obstacles
+        .into_iter()
+        .filter_map(|o| Some(Blockage { object: o.object, part: o.part, at: slot_node[o.at]? }))
+        .collect();
+    blockages.sort();
+    ModeGraph { kind: GraphKind::Guidance, nodes, edges, conflicts, objects, barred, blockages, complete }
 }
 
 pub(super) fn arm_nodes(problem: &Problem) -> Vec<ModeNode> {
@@ -223,8 +230,8 @@ fn region_node(surface: SurfaceId, class: usize, group: Group, merged: Vec<Slot>
 /// By slot, the region (class and number) that it merges into, if it does.
 ///
 /// A slot merges when it overlaps no other, is only a start or only a goal, was found to belong to
-/// the region (a neighbour with the same arms), its object has no other slot in that region, and no
-/// carry between its slots is barred. A region takes its slots in only if its spots are enough for all objects of the class that own none of them: then no
+/// the region (a neighbour with the same arms), its object has no other slot in that region, and there
+/// is nothing special about carries from or to it. A region takes its slots in only if its spots are enough for all objects of the class that own none of them: then no
 /// count of objects in the region can force one onto a slot that is still needed, and the capacity
 /// is the spots and the slots together. Where classes share a surface nothing merges.
 fn merged_slots(
@@ -232,7 +239,7 @@ fn merged_slots(
     slots: &Slots,
     overlaps: &[(usize, usize)],
     surveys: &BTreeMap<usize, ClassSurvey>,
-    barred: &[BarredCarry],
+    carries: &Carries,
     merge_goals: bool,
 ) -> Vec<Option<(usize, usize)>> {
     let mut merged = vec![None; slots.slots.len()];
@@ -254,8 +261,10 @@ fn merged_slots(
                     _ => return false,
                 };
                 let owner = slot.start_of.or(slot.goal_of);
-                let free = !barred.iter().any(|carry| Some(carry.object) == owner);
-                alone && free && !other_end.is_some_and(|other| group.slots.contains(&other))
+                let barred = carries.barred.iter().any(|carry| Some(carry.object) == owner);
+                let mut obstacles = carries.obstacles.iter();
+                let blocked = obstacles.any(|o| o.at == number || Some(o.object) == owner);
+                alone && !barred && !blocked && !other_end.is_some_and(|other| group.slots.contains(&other))
             };
             let own: Vec<usize> = group.slots.iter().copied().filter(|number| fits(number)).collect();
             let owners: BTreeSet<ObjectId> = own

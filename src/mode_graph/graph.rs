@@ -3,7 +3,7 @@
 use crate::geometry::{Pose, Vec3};
 use crate::workcell::{ArmId, ObjectId, SurfaceId};
 
-use super::reach::HandoffWitness;
+use super::reach::{HandoffWitness, RestAction};
 
 /// Which of the two graphs it is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -137,6 +137,27 @@ pub struct BarredCarry {
     pub carriers: Vec<ArmId>,
 }
 
+/// A part of an object's way that something may be in the way of.
+#[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord)]
+pub enum BlockedPart {
+    /// Its pick from its start, or its place at its goal, by an arm.
+    Contact(RestAction, ArmId),
+    /// That action in any hold in which it can be carried straight from start to goal by these arms,
+    /// first to last.
+    Carry(RestAction, Vec<ArmId>),
+}
+
+/// What cannot be done while anything stands in a slot.
+#[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord)]
+pub struct Blockage {
+    /// The object that cannot be moved.
+    pub object: ObjectId,
+    /// What cannot be done with it.
+    pub part: BlockedPart,
+    /// The node of the slot.
+    pub at: usize,
+}
+
 /// The mode graph of a problem. Nodes are numbered; the first ones are the arms, in order.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ModeGraph {
@@ -152,6 +173,8 @@ pub struct ModeGraph {
     pub objects: Vec<ModeObject>,
     /// Ways that look open edge by edge but are not, sorted. None on the optimistic graph.
     pub barred: Vec<BarredCarry>,
+    /// What stands in the way of what, sorted. None on the optimistic graph.
+    pub blockages: Vec<Blockage>,
     /// Whether the build came to its end; `false` when it was stopped and regions, spots or
     /// handoffs may be missing.
     pub complete: bool,

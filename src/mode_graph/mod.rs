@@ -26,11 +26,11 @@ mod survey;
 
 pub use build::{ModeGraphOptions, build_mode_graph};
 pub use graph::{
-    BarredCarry, GraphKind, ModeEdge, ModeGoal, ModeGraph, ModeNode, ModeObject, NodeConflict, Place, Placement, Region,
-    Slot, Spot,
+    BarredCarry, Blockage, BlockedPart, GraphKind, ModeEdge, ModeGoal, ModeGraph, ModeNode, ModeObject,
+    NodeConflict, Place, Placement, Region, Slot, Spot,
 };
 pub use optimistic::optimistic_mode_graph;
-pub use reach::{HandoffWitness, Hold, Reach, RestAction};
+pub use reach::{HandoffWitness, Hold, Reach, RestAction, RestContact};
 
 #[cfg(test)]
 mod tests;

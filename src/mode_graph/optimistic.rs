@@ -77,7 +77,16 @@ pub fn optimistic_mode_graph(problem: &Problem) -> ModeGraph {
         .map(|index| mode_object(problem, &slots, &slot_node, &nodes, index))
         .collect::<Option<Vec<_>>>();
     let objects = objects.unwrap_or_default();
-    ModeGraph { kind: GraphKind::Optimistic, nodes, edges, conflicts, objects, barred: Vec::new(), complete: true }
+    ModeGraph {
+        kind: GraphKind::Optimistic,
+        nodes,
+        edges,
+        conflicts,
+        objects,
+        barred: Vec::new(),
+        blockages: Vec::new(),
+        complete: true,
+    }
 }
 
 fn goal_poses(problem: &Problem, goal_of: Option<crate::workcell::ObjectId>, pose: &Pose) -> Vec<Pose> {

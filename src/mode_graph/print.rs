@@ -5,7 +5,8 @@ use std::fmt::Write as _;
 use crate::problem::Problem;
 use crate::workcell::ArmId;
 
-use super::graph::{GraphKind, ModeGoal, ModeGraph, Place, Slot};
+use super::graph::{BlockedPart, GraphKind, ModeGoal, ModeGraph, Place, Slot};
+use super::reach::RestAction;
 
 impl ModeGraph {
     /// A name for `node` that is unique in the graph and made of the problem's ids:
@@ -94,6 +95,25 @@ impl ModeGraph {
                 problem.objects[carry.object.0].id,
                 arms.collect::<Vec<_>>().join(", then ")
             );
+        }
+        if !self.blockages.is_empty() {
+            let _ = writeln!(out, "in the way");
+        }
+        for blockage in &self.blockages {
+            let arm = |arm: &ArmId| problem.workcell.arms[arm.0].id.clone();
+            let (action, how) = match &blockage.part {
+                BlockedPart::Contact(action, by) => (action, format!("by {}", arm(by))),
+                BlockedPart::Carry(action, by) => {
+                    let carriers = by.iter().map(arm).collect::<Vec<_>>();
+                    (action, format!("to be carried straight by {}", carriers.join(", then ")))
+                }
+            };
+            let action = match action {
+                RestAction::Pick => "pick",
+                RestAction::Place => "place",
+            };
+            let object = &problem.objects[blockage.object.0].id;
+            let _ = writeln!(out, "  {}: {action} of {object} {how}", name(blockage.at));
         }
         let _ = writeln!(out, "objects");
         for (object, model) in self.objects.iter().zip(&problem.objects) {

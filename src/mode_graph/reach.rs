@@ -23,6 +23,21 @@ pub struct Hold {
     pub object_in_tcp: Pose,
 }
 
+/// A pick or a place.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct RestContact {
+    /// Which of the two.
+    pub action: RestAction,
+    /// Who does it.
+    pub arm: ArmId,
+    /// With what.
+    pub object: ObjectId,
+    /// Where the object rests (world).
+    pub pose: Pose,
+    /// On what.
+    pub surface: SurfaceId,
+}
+
 /// Two arms in the midst of a handoff: the proof that they can.
 #[derive(Debug, Clone, PartialEq)]
 pub struct HandoffWitness {
@@ -39,8 +54,8 @@ pub struct HandoffWitness {
 /// Which arm reaches what: questions that inverse kinematics and collision checks answer.
 ///
 /// An answer "no" may be a failure of sampling; an answer "yes" must come with a collision-free
-/// configuration and straight lines before and after it. Other objects and other arms are left
-/// out of account, the static workcell is not. Answers must be deterministic for a given sequence
+/// configuration and straight lines before and after it. Other arms, and other objects but those
+/// named, are left out of account, the static workcell is not. Answers must be deterministic for a given sequence
 /// of questions.
 pub trait Reach {
     /// Holds among the object's grasps by which `arm` may be able to do `action` with `object` at
@@ -92,6 +107,9 @@ pub trait Reach {
     ) -> bool {
         self.reaches(action, arm, object, pose, surface)
     }
+
+    /// Whether `contact` can be had in the given hold although `other` rests at `pose` (world).
+    fn is_clear(&mut self, contact: &RestContact, hold: &Hold, other: ObjectId, pose: &Pose) -> bool;
 
     /// A handoff of `object` from `giver`, which has it in one of `giver_holds`, to `receiver`,
     /// which takes it in one of `receiver_holds`; `None` when none is found.

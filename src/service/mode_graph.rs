@@ -8,7 +8,9 @@ use super::ApiError;
 use super::workcells::Bundle;
 use crate::collision::CollisionWorld;
 use crate::geometry::{Pose, Vec3};
-use crate::mode_graph::{GraphKind, ModeGoal, ModeGraph, ModeGraphOptions, Place, Slot, build_mode_graph};
+use crate::mode_graph::{
+    BlockedPart, GraphKind, ModeGoal, ModeGraph, ModeGraphOptions, Place, RestAction, Slot, build_mode_graph,
+};
 use crate::problem::Problem;
 use crate::run::{Control, Seed};
 use crate::transition::SampledReach;
@@ -136,6 +138,20 @@ pub fn document(graph: &ModeGraph, problem: &Problem) -> Value {
             "object": object(Some(carry.object)), "arms": carry.carriers.iter().map(arm).collect::<Vec<_>>(),
         })
     });
+    let blockages = graph.blockages.iter().map(|blockage| {
+        let (action, arms, carried) = match &blockage.part {
+            BlockedPart::Contact(action, by) => (action, vec![arm(by)], false),
+            BlockedPart::Carry(action, by) => (action, by.iter().map(arm).collect(), true),
+        };
+        let action = match action {
+            RestAction::Pick => "pick",
+            RestAction::Place => "place",
+        };
+        json!({
+            "object": object(Some(blockage.object)), "at": blockage.at, "action": action, "arms": arms,
+            "carried": carried,
+        })
+    });
     json!({
         "schema": "quadrille.mode_graph/1",
         "kind": match graph.kind { GraphKind::Guidance => "guidance", GraphKind::Optimistic => "optimistic" },
@@ -145,6 +161,7 @@ pub fn document(graph: &ModeGraph, problem: &Problem) -> Value {
         "conflicts": conflicts.collect::<Vec<_>>(),
         "objects": objects.collect::<Vec<_>>(),
         "barred_carries": barred.collect::<Vec<_>>(),
+        "blockages": blockages.collect::<Vec<_>>(),
     })
 }
 

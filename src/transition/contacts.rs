@@ -186,17 +186,20 @@ impl<'a> Contacts<'a> {
     /// [`Self::holds`] for which some contact of [`Self::at`] is clear of the objects in `scene`.
     pub fn clear_holds(&mut self, query: &ContactQuery, scene: &Scene) -> Vec<(usize, Pose)> {
         let mut holds = self.possible_holds(query);
-        holds.retain(|(_, hold)| {
-            for index in 0..self.most() {
-                match self.nth(query, hold, index) {
-                    Some(contact) if self.is_clear(query, &contact, scene) => return true,
-                    Some(_) => {}
-                    None => return false,
-                }
-            }
-            false
-        });
+        holds.retain(|(_, hold)| self.is_clear_of(query, hold, scene));
         holds
+    }
+
+    /// Whether some contact of [`Self::at`] is clear of the objects in `scene`.
+    pub fn is_clear_of(&mut self, query: &ContactQuery, object_in_tcp: &Pose, scene: &Scene) -> bool {
+        for index in 0..self.most() {
+            match self.nth(query, object_in_tcp, index) {
+                Some(contact) if self.is_clear(query, &contact, scene) => return true,
+                Some(_) => {}
+                None => return false,
+            }
+        }
+        false
     }
 
     /// Handoffs, sampled anew: the cheapest of a handful, with their lines.

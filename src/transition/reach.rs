@@ -2,9 +2,9 @@
 
 use std::sync::Arc;
 
-use crate::collision::CollisionWorld;
+use crate::collision::{CollisionWorld, Scene};
 use crate::geometry::Pose;
-use crate::mode_graph::{HandoffWitness, Hold, Reach, RestAction};
+use crate::mode_graph::{HandoffWitness, Hold, Reach, RestAction, RestContact};
 use crate::problem::Problem;
 use crate::run::{Rng, Seed};
 use crate::workcell::{ArmId, ObjectId, SurfaceId};
@@ -138,6 +138,12 @@ impl Reach for SampledReach<'_> {
         let class = self.classes[object.0];
         let question = RestQuestion::new(class, action, arm, surface, pose, Matter::Estimate);
         self.remembered(question, |contacts| contacts.seems_possible(&query))
+    }
+
+    fn is_clear(&mut self, contact: &RestContact, hold: &Hold, other: ObjectId, pose: &Pose) -> bool {
+        let RestContact { action, arm, object, pose: at, surface } = contact;
+        let query = contact_query(*action, *arm, *object, at, *surface);
+        self.contacts.is_clear_of(&query, &hold.object_in_tcp, &Scene { resting: vec![(other, *pose)] })
     }
 
     fn handoff(

@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use crate::geometry::{PlacedShape, Pose, Shape, Vec3, pose_from_parts};
 use crate::kinematics::{ArmModel, Config, JointLimits, NoMeshes, library};
-use crate::mode_graph::{HandoffWitness, Hold, Reach, RestAction};
+use crate::mode_graph::{HandoffWitness, Hold, Reach, RestAction, RestContact};
 use crate::problem::{GoalPlacement, InitialPlacement, Options, Problem};
 use crate::workcell::{
     Arm, ArmId, GraspGenerator, ObjectId, ObjectModel, Surface, SurfaceId, Symmetry, Tool, Workcell,
@@ -136,13 +136,15 @@ pub(super) struct PlainReach<'a> {
     pub(super) reach: f64,
     pub(super) steepest: f64,
     pub(super) meet: f64,
+    /// Objects closer than this (m) are in the way of hands that come from their side.
+    pub(super) elbow_room: f64,
     /// Questions asked so far.
     pub(super) asked: usize,
 }
 
 impl<'a> PlainReach<'a> {
     pub(super) fn new(problem: &'a Problem) -> Self {
-        Self { problem, reach: 0.85, steepest: 0.7, meet: 1.6, asked: 0 }
+        Self { problem, reach: 0.85, steepest: 0.7, meet: 1.6, elbow_room: 0.0, asked: 0 }
     }
 }
 
@@ -178,6 +180,14 @@ impl Reach for PlainReach<'_> {
         hold: &Hold,
     ) -> bool {
         self.possible_holds(action, arm, object, pose, surface).iter().any(|known| known.grasp == hold.grasp)
+    }
+
+    fn is_clear(&mut self, contact: &RestContact, hold: &Hold, _: ObjectId, pose: &Pose) -> bool {
+        self.asked += 1;
+        // The hand comes from where the approach points away from.
+        let towards = contact.pose * hold.object_in_tcp.inverse() * Vec3::z();
+        let there = pose.translation.vector - contact.pose.translation.vector;
+        there.norm() > self.elbow_room || towards.xy().dot(&there.xy()) > -1e-6
     }
 
     fn handoff(

@@ -237,6 +237,10 @@ fn rest() -> Vec<(&'static str, Value)> {
                 "edges": list(json!({ "type": "object" })), "conflicts": list(json!({ "type": "object" })),
                 "objects": list(json!({ "type": "object" })),
                 "barred_carries": list(full(json!({ "object": text(), "arms": list(text()) }))),
+                "blockages": list(full(json!({
+                    "object": text(), "at": count(), "action": { "enum": ["pick", "place"] },
+                    "arms": list(text()), "carried": { "type": "boolean" },
+                }))),
             })),
         ),
         (
