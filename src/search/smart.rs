@@ -6,7 +6,9 @@ use std::sync::Arc;
 use rand::Rng as _;
 
 use crate::collision::CollisionWorld;
-use crate::guidance::{Certificate, Cuts, Effort, Greedy, Guidance, Guide, Memo, Sequential, Smart};
+use crate::guidance::{
+    Answer, Certificate, Cuts, Effort, Greedy, Guidance, Guide, Memo, Sequential, Smart, solve,
+};
 use crate::motion::{Roadmap, StepPlanner};
 use crate::problem::{GuidanceKind, InitialPlacement, Objective, Problem};
 use crate::run::{Control, Rng, Seed};
@@ -54,9 +56,12 @@ pub struct Search<'a> {
     /// Vertices from the root to the goal of the best plan found here.
     pub(super) best_way: Vec<usize>,
     pub(super) rng: Rng,
+    seed: Seed,
     pub(super) iterations: u64,
     pub(super) certificate: Option<Certificate>,
     pub(super) cause: Option<String>,
+    /// Whether the number of steps was looked into thoroughly.
+    pub(super) examined: bool,
 }
 
 impl<'a> Search<'a> {
@@ -94,9 +99,11 @@ impl<'a> Search<'a> {
             best: None,
             best_way: Vec::new(),
             rng: seed.stream("search"),
+            seed,
             iterations: 0,
             certificate: None,
             cause: None,
+            examined: false,
         };
         search.guide(0, control);
         search.certificate = search.tree[0].guide.as_ref().and_then(|guide| guide.certificate);
@@ -143,6 +150,9 @@ impl<'a> Search<'a> {
                 None => Report::Nothing,
             };
         }
+        if self.best.is_some() && !self.examined {
+            self.examine(control);
+        }
         let Some(tau) = self.select_mode(control) else {
             return Report::Nothing;
         };
@@ -170,6 +180,31 @@ impl<'a> Search<'a> {
                 }
                 Report::Nothing
             }
+        }
+    }
+
+    /// Once there is a plan there is time to look into the least number of steps thoroughly, where
+    /// that is not known yet: a shorter plan on the mode graph, or the proof that there is none.
+    fn examine(&mut self, control: &Control) {
+        self.examined = true;
+        let is_smart = matches!(self.problem.options.guidance, GuidanceKind::Smart);
+        if !is_smart || self.certificate.as_ref().is_some_and(|known| known.optimum.is_some()) {
+            return;
+        }
+        let (network, start) = (self.map.network(), self.tree[0].mode.clone());
+        let effort = Effort::thorough();
+        let answer = solve(network, &start, &Cuts::none(), &effort, self.seed, control);
+        if let Ok(answer @ Answer::Solved(..)) = answer {
+            self.memo.keep(&start, &answer, &Cuts::none());
+            let known = answer.certificate().copied();
+            let bound = |certificate: &Option<Certificate>| certificate.map_or(0, |c| c.lower_bound);
+            if bound(&known) >= bound(&self.certificate) {
+                self.certificate = known;
+            }
+            if let Some(solution) = answer.solution() {
+                self.memo.suggest(solution);
+            }
+            self.version += 1;
         }
     }
 
