@@ -69,12 +69,17 @@ impl<'a> Exhaustive<'a> {
         }
     }
 
-    /// Looks at every state that can be reached from `start`, at most `states` of them.
+    /// Looks at every state that can be reached from `start`, at most `states` of them: a plan of the
+    /// fewest single moves, one in a step, or the proof that there is none.
     pub(super) fn all(&mut self, start: &[u16], states: usize) -> Verdict {
         let mut seen: HashMap<u128, (), BuildHasherDefault<Mix>> = HashMap::default();
-        let mut open = vec![start.to_vec()];
+        // The states in the order in which they were reached, each with the one before it.
+        let mut reached = vec![(start.to_vec(), 0)];
         seen.insert(self.pack(start), ());
-        while let Some(state) = open.pop() {
+        let mut next_open = 0;
+        while let Some((state, _)) = reached.get(next_open).cloned() {
+            let from = next_open;
+            next_open += 1;
             if seen.len() > states {
                 return Verdict::Limit;
             }
@@ -84,10 +89,18 @@ impl<'a> Exhaustive<'a> {
             self.successors(&state, FAR as usize - 1, true, &mut moves);
             for next in moves {
                 if self.solved(&next) {
-                    return Verdict::Found(Vec::new());
+                    let mut way = vec![next];
+                    let mut at = from;
+                    while at != 0 {
+                        way.push(reached[at].0.clone());
+                        at = reached[at].1;
+                    }
+                    way.push(start.to_vec());
+                    way.reverse();
+                    return Verdict::Found(way);
                 }
                 if seen.insert(self.pack(&next), ()).is_none() {
-                    open.push(next);
+                    reached.push((next, from));
                 }
             }
         }

@@ -292,10 +292,13 @@ impl Run<'_> {
         let (mut open, mut tried) = (false, 0);
         while horizon <= longest {
             tried += 1;
-            if tried == SUSPICIOUS
-                && let Some(reason) = self.exhaust(FEW_STATES)
-            {
-                return Some(reason);
+            if tried == SUSPICIOUS {
+                if let Some(reason) = self.exhaust(FEW_STATES) {
+                    return Some(reason);
+                }
+                if self.best.is_some() {
+                    return None;
+                }
             }
             self.repair.all_slots(false);
             if self.begin(horizon, false) && self.mend(OPENING, horizon) {
@@ -337,12 +340,23 @@ impl Run<'_> {
         self.exhaust(self.effort.states)
     }
 
-    /// Looks at all states that can be reached, if they are at most `states`.
+    /// Looks at all states that can be reached, if they are at most `states`: for the reason why there
+    /// is no plan, or for any plan.
     fn exhaust(&mut self, states: usize) -> Option<Infeasible> {
         match self.exhaustive.as_mut()?.all(self.start, states.min(self.effort.states)) {
-            Verdict::Refuted(states) => Some(Infeasible::Exhausted(states)),
-            _ => None,
+            Verdict::Refuted(states) => return Some(Infeasible::Exhausted(states)),
+            Verdict::Found(states) => self.keep_states(&states),
+            Verdict::Limit => {}
         }
+        None
+    }
+
+    /// Keeps the plan that leads through `states`.
+    fn keep_states(&mut self, states: &[Vec<u16>]) {
+        let objects = 0..self.network.object_count();
+        let routes = objects.map(|object| states.iter().map(|state| state[object]).collect());
+        self.repair.take_over(routes.collect(), self.cuts);
+        self.keep();
     }
 
     /// Exhaustive search at `horizon`: true if it found a plan or raised the lower bound beyond.
@@ -354,10 +368,7 @@ impl Run<'_> {
         self.states -= states;
         match exhaustive.within(self.start, horizon, states) {
             Verdict::Found(states) => {
-                let objects = 0..self.network.object_count();
-                let routes = objects.map(|object| states.iter().map(|state| state[object]).collect());
-                self.repair.take_over(routes.collect(), self.cuts);
-                self.keep();
+                self.keep_states(&states);
                 true
             }
             Verdict::Refuted(spent) => {

@@ -8,7 +8,7 @@ use crate::guidance::{Answer, Cuts, Effort, Instance, Network, NodeId, Solution,
 use crate::mode_graph::{
     BarredCarry, Blockage, BlockedPart, ModeGraph, ModeGraphOptions, RestAction, build_mode_graph,
 };
-use crate::problem::{GoalPlacement, Problem};
+use crate::problem::{GoalPlacement, InitialPlacement, Problem};
 use crate::run::{Control, Seed};
 use crate::workcell::{ArmId, ObjectId};
 
@@ -31,20 +31,21 @@ fn plan(graph: &ModeGraph) -> (Option<Solution>, Vec<usize>) {
     (answer.solution().cloned(), stands_for)
 }
 
-/// Two cubes that go from one table to the other; the first is turned over on the way.
-fn turned_and_straight() -> Cell {
-    let mut turned = Cube::new((0, at(-0.56, 0.12, 0.0)), (1, at(1.66, 0.12, 0.0)));
+/// Two cubes that go from one table to the other, `y` (m) from the middle; the first is turned over on
+/// the way.
+fn turned_and_straight(y: f64) -> Cell {
+    let mut turned = Cube::new((0, at(-0.56, y, 0.0)), (1, at(1.66, y, 0.0)));
     if let GoalPlacement::Pose { pose, .. } = &mut turned.goal {
         pose.rotation *= UnitQuaternion::from_axis_angle(&Vec3::x_axis(), std::f64::consts::PI);
     }
-    Cell::pair(vec![turned, Cube::new((0, at(-0.56, -0.12, 0.0)), (1, at(1.66, -0.12, 0.0)))])
+    Cell::pair(vec![turned, Cube::new((0, at(-0.56, -y, 0.0)), (1, at(1.66, -y, 0.0)))])
 }
 
 #[test]
 fn grasps_that_do_not_fit_together_bar_a_carry() {
     // From above alone, an arm that took a cube by its top cannot hand it over to one that must put it
     // down by its top.
-    let problem = turned_and_straight().problem();
+    let problem = turned_and_straight(0.12).problem();
     let steep = graph(&problem, 0.9, 0.0);
     assert_eq!(steep.barred, [BarredCarry { object: ObjectId(1), carriers: vec![ArmId(0), ArmId(1)] }]);
     let (found, stands_for) = plan(&steep);
@@ -63,16 +64,21 @@ fn grasps_that_do_not_fit_together_bar_a_carry() {
 }
 
 #[test]
-fn an_object_that_no_carry_is_left_for_has_no_plan() {
-    let mut problem = turned_and_straight().problem();
-    // Nothing can be put down but at the goals.
-    for surface in &mut std::sync::Arc::make_mut(&mut problem.workcell).surfaces {
-        surface.capacity = Some(2);
-        surface.half_extents = [0.04, 0.16];
-    }
+fn a_hold_from_the_start_may_bar_a_carry() {
+    let mut problem = turned_and_straight(0.12).problem();
+    let from_above = problem.objects[1].grasps.iter().map(|grasp| grasp.object_in_tcp).find(|hold| {
+        let approach = hold.rotation.inverse() * Vec3::z();
+        approach.z < -0.9
+    });
+    problem.initial[1] = InitialPlacement::Held { arm: ArmId(0), object_in_tcp: from_above.unwrap() };
     let steep = graph(&problem, 0.9, 0.0);
-    assert_eq!(steep.barred.len(), 1);
-    assert_eq!(plan(&steep).0, None);
+    assert_eq!(steep.barred, [BarredCarry { object: ObjectId(1), carriers: vec![ArmId(0), ArmId(1)] }]);
+    let (instance, stands_for) = instance_of(&steep);
+    let start = instance.start()[1].0;
+    assert!(start >= steep.nodes.len() && stands_for[start] == 0, "a hand that says how it is held");
+    if let Some(found) = plan(&steep).0 {
+        assert!(found.steps.iter().flatten().filter(|m| m.object == 1).count() > 2);
+    }
 }
 
 #[test]

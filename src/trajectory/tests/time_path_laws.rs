@@ -172,7 +172,9 @@ proptest! {
         let joint = joint % faster.limits.len();
         faster.limits[joint].velocity *= v;
         faster.limits[joint].acceleration *= a;
-        prop_assert!(faster.curve().duration() <= slow * 1.1 + 1e-2, "{} after {slow}", faster.curve().duration());
+        // Where other joints move at other times, a corner that was blended may become a stop: two ramps
+        // more, which take some 10 ms each however short the path is.
+        prop_assert!(faster.curve().duration() <= slow * 1.1 + 2.5e-2, "{} after {slow}", faster.curve().duration());
     }
 
     #[test]
