@@ -255,3 +255,27 @@ fn lists_are_filtered_by_state_and_label() {
     assert_eq!(found(&[JobState::Queued], &[("line", Some("7"))]), [seven]);
     assert!(found(&[JobState::Running], &[("line", None)]).is_empty());
 }
+
+#[test]
+fn readers_of_large_plans_share_them_and_take_a_few_at_a_time() {
+    let store = memory();
+    let (id, lease) = started(&store);
+    for revision in 1..=8 {
+        store.append(id, Some(lease), Timestamp::now(), incumbent(revision, READ_BYTES / 2)).unwrap();
+    }
+    store.append(id, Some(lease), Timestamp::now(), end()).unwrap();
+    let (mut held, mut reads) = (Vec::new(), 0);
+    while held.last().is_none_or(|event: &Arc<Event>| event.seq < 11) {
+        let after = held.last().map_or(0, |event| event.seq);
+        let events = store.events_after(id, after, 100).unwrap();
+        assert!(!events.is_empty());
+        assert!(events.iter().map(|event| document_bytes(event)).sum::<usize>() <= 2 * READ_BYTES);
+        held.extend(events);
+        reads += 1;
+    }
+    assert_eq!(held.iter().map(|event| event.seq).collect::<Vec<_>>(), (1..=11).collect::<Vec<_>>());
+    assert!(reads > 2, "{reads}");
+    // Another reader gets what the first one holds.
+    let again = store.events_after(id, 0, 100).unwrap();
+    assert!(again.iter().zip(&held).all(|(one, other)| Arc::ptr_eq(one, other)));
+}
