@@ -268,7 +268,7 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(60))]
 
     #[test]
-    fn numeric_round_trip(parts in prop::collection::vec(0.02..0.98_f64, 7), seed in any::<u64>()) {
+    fn numeric_round_trip(parts in prop::collection::vec(0.1..0.9_f64, 7), seed in any::<u64>()) {
         let model = on_a_rail();
         let limits = limits(&model);
         let q = configuration(&model, &parts);
