@@ -78,9 +78,9 @@ impl ArmModel {
     /// `limits` (one per joint) that bring the mount link to `target`, its pose in the root link's
     /// frame. They are spread over the branches and, for redundant arms, over the free motion.
     ///
-    /// In closed form an empty result means that there is none, except where the last joint of
-    /// [`InverseMethod::OffsetSeven`] is sampled: a narrow range of it may be missed. Of a joint's values a whole turn
-    /// apart only the one nearest to 0 is given.
+    /// In closed form an empty result means that there is none, except for
+    /// [`InverseMethod::OffsetSeven`], whose last joint is sampled: a narrow range of it may be missed.
+    /// Of a joint's values a whole turn apart only the one nearest to 0 is given.
     pub fn inverse(
         &self,
         limits: &[JointLimits],
