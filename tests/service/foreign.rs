@@ -114,8 +114,10 @@ async fn schemathesis_finds_no_fault() {
         .args(["-m", "schemathesis.cli", "run", &server.url("/openapi.json")])
         .args(["--checks", "not_a_server_error,status_code_conformance,content_type_conformance"])
         .args(["--checks", "response_schema_conformance"])
-        .args(["--max-examples", if soak() { "200" } else { "2" }, "--seed", "1", "--no-color"])
-        .args(["--request-timeout", "30", "--phases", "examples,fuzzing"]);
+        .args(["--max-examples", if soak() { "50" } else { "2" }, "--seed", "1", "--no-color"])
+        .args(["--request-timeout", "30", "--phases", "examples,fuzzing"])
+        // How quickly it finds what to send is no matter of the service.
+        .args(["--suppress-health-check", "filter_too_much,too_slow"]);
     let output = run(command).await;
     assert!(output.status.success(), "{}", told(&output));
     assert_eq!(server.json("/livez").await, json!({"status": "ok"}));
