@@ -13,7 +13,6 @@ use std::collections::BTreeMap;
 
 use super::instance::{Block, ConflictSet, Edge, Goal, Instance, Node, NodeId, NodeKind, Object};
 use crate::mode_graph::{Blockage, BlockedPart, ModeEdge, ModeGoal, ModeGraph, Place, RestAction};
-use crate::workcell::{ArmId, ObjectId};
 
 /// The instance of a mode graph, and which node of the graph each of its nodes stands for: node `n` of
 /// the graph is `NodeId(n)`, nodes beyond are hands. Object `o` is object `o`.
@@ -112,25 +111,27 @@ fn block_contact(graph: &ModeGraph, blockage: &Blockage, instance: &mut Instance
 }
 
 /// An object of which some carries are special.
-struct Refined<'a> {
+struct Refined {
     object: usize,
     class: usize,
     start: usize,
     goal: usize,
-    barred: Vec<&'a [ArmId]>,
+    /// Arms by number, first to last.
+    barred: Vec<Vec<usize>>,
     /// Carries that something may be in the way of, with what is in the way of their picks and places.
-    guarded: BTreeMap<&'a [ArmId], Vec<(RestAction, usize)>>,
+    guarded: BTreeMap<Vec<usize>, Vec<(RestAction, usize)>>,
 }
 
-impl<'a> Refined<'a> {
+impl Refined {
     /// `None` where nothing is special, or where start or goal are no nodes of their own.
-    fn new(graph: &'a ModeGraph, index: usize) -> Option<Self> {
-        let id = ObjectId(index);
-        let mine = graph.barred.iter().filter(|carry| carry.object == id);
-        let barred: Vec<&[ArmId]> = mine.map(|carry| carry.carriers.as_slice()).collect();
-        let mut guarded: BTreeMap<&[ArmId], Vec<(RestAction, usize)>> = BTreeMap::new();
-        for blockage in graph.blockages.iter().filter(|blockage| blockage.object == id) {
+    fn new(graph: &ModeGraph, index: usize) -> Option<Self> {
+        let mine = graph.barred.iter().filter(|carry| carry.object.0 == index);
+        let barred: Vec<Vec<usize>> =
+            mine.map(|carry| carry.carriers.iter().map(|arm| arm.0).collect()).collect();
+        let mut guarded: BTreeMap<Vec<usize>, Vec<(RestAction, usize)>> = BTreeMap::new();
+        for blockage in graph.blockages.iter().filter(|blockage| blockage.object.0 == index) {
             if let BlockedPart::Carry(action, carriers) = &blockage.part {
+                let carriers = carriers.iter().map(|arm| arm.0).collect();
                 guarded.entry(carriers).or_default().push((*action, blockage.at));
             }
         }
@@ -144,8 +145,9 @@ impl<'a> Refined<'a> {
             Place::Slot(slot) => Some(slot),
             _ => None,
         };
-        let is_own_goal = slot(goal)?.goal_of == Some(id);
-        let is_own_start = graph.arm_of(object.start).is_some() || slot(object.start)?.start_of == Some(id);
+        let is_own_goal = slot(goal)?.goal_of.is_some_and(|object| object.0 == index);
+        let is_own_start = graph.arm_of(object.start).is_some()
+            || slot(object.start)?.start_of.is_some_and(|object| object.0 == index);
         (is_own_goal && is_own_start).then_some(Self {
             object: index,
             class: object.class,
@@ -158,8 +160,7 @@ impl<'a> Refined<'a> {
 
     /// Whether the carry is closed to objects that are held in no special way.
     fn is_special(&self, carriers: &[usize]) -> bool {
-        let same = |carry: &&[ArmId]| carry.iter().map(|arm| arm.0).eq(carriers.iter().copied());
-        self.barred.iter().any(same) || self.guarded.keys().any(|carry| same(carry))
+        self.barred.iter().any(|carry| carry == carriers) || self.guarded.contains_key(carriers)
     }
 
     /// Gives the object a class of its own, with edges by way of hands.
@@ -183,11 +184,11 @@ impl<'a> Refined<'a> {
         // from such a one.
         let (mut first, mut second) = (BTreeMap::new(), BTreeMap::new());
         for carry in self.barred.iter().chain(self.guarded.keys()) {
-            if let Some(arm) = carry.first() {
-                first.entry(arm.0).or_insert_with(|| add(arm.0));
+            if let Some(&arm) = carry.first() {
+                first.entry(arm).or_insert_with(|| add(arm));
             }
-            if let Some(arm) = carry.get(1) {
-                second.entry(arm.0).or_insert_with(|| add(arm.0));
+            if let Some(&arm) = carry.get(1) {
+                second.entry(arm).or_insert_with(|| add(arm));
             }
         }
         let own: Vec<&ModeEdge> = graph.edges.iter().filter(|edge| edge.class == self.class).collect();
@@ -221,12 +222,12 @@ impl<'a> Refined<'a> {
             // One that is held from the start on sets out from its first hand.
             let in_hand = usize::from(graph.arm_of(self.start).is_some());
             let mut way = vec![self.start];
-            way.extend(carriers.iter().skip(in_hand).map(|arm| arm.0));
+            way.extend(carriers.iter().skip(in_hand).copied());
             way.push(self.goal);
             let edges: Option<Vec<_>> = way.windows(2).map(|ends| own_edge(ends[0], ends[1])).collect();
             let Some(edges) = edges else { continue };
             let mut at = vec![first.get(&self.start).copied().unwrap_or(self.start)];
-            at.extend(carriers.iter().skip(in_hand).map(|arm| add(arm.0)));
+            at.extend(carriers.iter().skip(in_hand).map(|&arm| add(arm)));
             at.push(self.goal);
             for (edge, ends) in edges.iter().zip(at.windows(2)) {
                 instance.edges.push(as_edge(edge, ends[0], ends[1], class));
