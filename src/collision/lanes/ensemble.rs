@@ -10,6 +10,9 @@ use super::place::{PlacedArm, PlacedLimb};
 use crate::collision::world::{CollisionWorld, Mover};
 use crate::geometry::lanes::{Bits8, Float8, Kernel, V3};
 
+/// Where the limbs of an arm begin among those kept, and the corners of its box.
+type Coarse<F> = (usize, V3<F>, V3<F>);
+
 /// How a pair of an ensemble stands after the first look.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(in crate::collision) struct PairLook {
@@ -50,7 +53,7 @@ impl Kernel for Ensemble<'_> {
         // placed again.
         let Some(most) = self.movers.iter().map(|mover| mover.lanes.limb_count()).max() else { return found };
         let mut limbs: Vec<PlacedLimb<F>> = Vec::with_capacity(self.movers.len() * most);
-        let mut arms: SmallVec<[(usize, V3<F>, V3<F>); 16]> = SmallVec::new();
+        let mut arms: SmallVec<[Coarse<F>; 16]> = SmallVec::new();
         let mut samples = Samples::default();
         let mut candidates = Candidates::new();
         let Some(any) = self.movers.first() else { return found };

@@ -114,7 +114,7 @@ impl<F: Float8> PlacedArm<F> {
             still: false,
             low: none,
             high: none,
-            motions: [const { () }; REMEMBERED].map(|()| Cell::new(zero)),
+            motions: std::array::from_fn(|_| Cell::new(zero)),
             asked: Cell::new(0),
         };
         room.fit(mover);
