@@ -23,6 +23,17 @@ pub(super) fn fit(angle: f64, limits: &JointLimits, near: f64) -> Option<f64> {
     inside.then(|| value.max(limits.lower).min(limits.upper))
 }
 
+/// Fits every joint of `q` by [`fit`]; whether all can be. Where not, `q` is left half fitted.
+pub(super) fn fit_all(q: &mut [f64], limits: &[JointLimits], near: &[f64]) -> bool {
+    q.iter_mut().zip(limits).zip(near).all(|((value, limit), near)| match fit(*value, limit, *near) {
+        Some(fitted) => {
+            *value = fitted;
+            true
+        }
+        None => false,
+    })
+}
+
 /// The value within `limits` that is nearest to 0.
 pub(super) fn neutral(limits: &JointLimits) -> f64 {
     0.0_f64.max(limits.lower).min(limits.upper)

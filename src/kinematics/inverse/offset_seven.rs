@@ -14,7 +14,7 @@ use nalgebra::Matrix3;
 use rand::Rng as _;
 use smallvec::SmallVec;
 
-use super::angles::{fit, neutral, turn_between, weighted_square};
+use super::angles::{fit, fit_all, neutral, turn_between, weighted_square};
 use super::euler::AxisTriple;
 use super::numeric::Descent;
 use super::spherical_seven::{common_point, least_rotation};
@@ -157,15 +157,7 @@ impl OffsetSeven {
     /// allow.
     fn within(&self, aim: &Aim, last: f64, limits: &[JointLimits], near: &[f64; 7]) -> Solutions {
         let mut found = self.solutions(aim, last, near);
-        found.retain(|q| {
-            q.iter_mut().zip(limits).zip(near).all(|((value, limit), near)| match fit(*value, limit, *near) {
-                Some(fitted) => {
-                    *value = fitted;
-                    true
-                }
-                None => false,
-            })
-        });
+        found.retain(|q| fit_all(q, limits, near));
         found
     }
 

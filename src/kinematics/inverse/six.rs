@@ -8,7 +8,7 @@
 use nalgebra::Matrix3;
 use smallvec::SmallVec;
 
-use super::angles::{fit, neutral, weighted_square};
+use super::angles::{fit_all, neutral, weighted_square};
 use super::euler::AxisTriple;
 use super::spherical_seven::common_point;
 use super::subproblems::{Turn, turn_onto, turns_to_component};
@@ -233,15 +233,7 @@ impl SixAxes {
     /// The solutions within `limits`, each joint turned as near to `near` as whole turns allow.
     fn within(&self, limits: &[JointLimits], target: &Pose, near: &[f64; 6]) -> Solutions {
         let mut found = self.solutions(target, near);
-        found.retain(|q| {
-            q.iter_mut().zip(limits).zip(near).all(|((value, limit), near)| match fit(*value, limit, *near) {
-                Some(fitted) => {
-                    *value = fitted;
-                    true
-                }
-                None => false,
-            })
-        });
+        found.retain(|q| fit_all(q, limits, near));
         found
     }
 }
