@@ -9,9 +9,10 @@ command -v c++ >/dev/null 2>&1 || missing="$missing g++"
 command -v make >/dev/null 2>&1 || missing="$missing make"
 command -v pkg-config >/dev/null 2>&1 || missing="$missing pkg-config"
 command -v curl >/dev/null 2>&1 || missing="$missing curl"
-# bindgen loads libclang; LIBCLANG_PATH may point to one elsewhere.
+# bindgen loads libclang (libclang-cpp, which compilers bring, is another library); LIBCLANG_PATH may point to one elsewhere.
 clang="${LIBCLANG_PATH:-}"
 for library in /usr/lib/llvm-*/lib/libclang*.so* /usr/lib/*/libclang*.so* /usr/lib/libclang*.so*; do
+    case $library in *-cpp.*) continue ;; esac
     [ ! -e "$library" ] || clang=$library
 done
 [ -n "$clang" ] || missing="$missing libclang-dev"
