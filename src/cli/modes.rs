@@ -7,7 +7,7 @@ use clap::ValueEnum;
 
 use super::{Answer, CliError, budget, input};
 use crate::collision::CollisionWorld;
-use crate::mode_graph::{ModeGraphOptions, build_mode_graph, optimistic_mode_graph};
+use crate::mode_graph::{ModeGraphOptions, build_mode_graph, find_witnesses, optimistic_mode_graph};
 use crate::run::{Control, Seed};
 use crate::service::mode_graph_document;
 use crate::transition::SampledReach;
@@ -20,6 +20,12 @@ pub(super) struct Arguments {
     /// How the graph is written
     #[arg(long, value_enum, default_value = "text")]
     format: Format,
+    /// As `--format json`
+    #[arg(long, conflicts_with_all = ["format", "dot"])]
+    json: bool,
+    /// As `--format dot`
+    #[arg(long, conflicts_with = "format")]
+    dot: bool,
     /// The graph that bounds instead of the one that guides
     #[arg(long)]
     optimistic: bool,
@@ -50,9 +56,16 @@ pub(super) fn run(arguments: &Arguments) -> Result<Answer, CliError> {
         let world = CollisionWorld::new(&problem);
         let seed = Seed(arguments.seed.unwrap_or(problem.options.seed));
         let mut reach = SampledReach::new(&problem, &world, seed);
-        build_mode_graph(&problem, &mut reach, &ModeGraphOptions::planning(), &control)
+        let mut graph = build_mode_graph(&problem, &mut reach, &ModeGraphOptions::planning(), &control);
+        find_witnesses(&problem, &mut graph, &mut reach, &control);
+        graph
     };
-    let text = match arguments.format {
+    let format = match (arguments.json, arguments.dot) {
+        (true, _) => Format::Json,
+        (_, true) => Format::Dot,
+        _ => arguments.format,
+    };
+    let text = match format {
         Format::Text => graph.to_text(&problem),
         Format::Dot => graph.to_dot(&problem),
         Format::Json => serde_json::to_string_pretty(&mode_graph_document(&graph, &problem))

@@ -80,6 +80,14 @@ pub enum Violation {
         /// Where it stands.
         at: usize,
     },
+    /// Two actions at once that clash.
+    #[error("step {step} takes more than one of the actions of clash {clash}")]
+    Clashing {
+        /// The step.
+        step: usize,
+        /// The clash.
+        clash: usize,
+    },
     /// Goals are not met in the end.
     #[error("object {0} does not end at its goal")]
     GoalMissed(usize),
@@ -150,6 +158,12 @@ pub fn check(instance: &Instance, solution: &Solution) -> Result<(), Violation> 
             let held: usize = nodes.iter().map(|&node| before(node)).sum();
             if enters > 0 && held + enters > data.capacity as usize {
                 return Err(Violation::OverConflict { step, set });
+            }
+        }
+        for (clash, data) in instance.clashes.iter().enumerate() {
+            let taken = moves.iter().filter(|action| data.edges.contains(&(action.from, action.to)));
+            if taken.count() > 1 {
+                return Err(Violation::Clashing { step, clash });
             }
         }
         let mut after = state.clone();

@@ -75,6 +75,7 @@ fn plain(graph: &ModeGraph) -> Instance {
         edges: graph.edges.iter().map(|edge| as_edge(edge, edge.from, edge.to, edge.class)).collect(),
         conflicts: conflicts.collect(),
         blocks: Vec::new(),
+        clashes: Vec::new(),
         objects: objects.collect(),
     }
 }

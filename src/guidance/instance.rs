@@ -69,6 +69,13 @@ pub struct Block {
     pub at: NodeId,
 }
 
+/// Actions of which one at most can be taken in a step: their arms would touch.
+#[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord)]
+pub struct Clash {
+    /// The actions' edges, from where to where.
+    pub edges: Vec<(NodeId, NodeId)>,
+}
+
 /// Where an object must end.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Goal {
@@ -97,7 +104,7 @@ pub struct Object {
 /// action (a handoff is one action of both its arms) and holds at most one object. Wherever an
 /// object enters, what was there before the step and all that enters may not exceed the capacity
 /// of the node, nor of any [`ConflictSet`] around it; and no action may be taken that a [`Block`]
-/// forbids while something is where it says. Nothing is asked of a node that nothing
+/// forbids while something is where it says, nor two that are in one [`Clash`]. Nothing is asked of a node that nothing
 /// enters, so a start may be fuller than a capacity that was computed with a margin.
 ///
 /// A plan ends when all goals are met at once. Of two plans the one with fewer steps is better;
@@ -112,6 +119,8 @@ pub struct Instance {
     pub conflicts: Vec<ConflictSet>,
     /// What stands in the way of what.
     pub blocks: Vec<Block>,
+    /// Which actions keep each other from being taken at once.
+    pub clashes: Vec<Clash>,
     /// The objects.
     pub objects: Vec<Object>,
 }
@@ -157,8 +166,8 @@ pub enum InstanceError {
         /// Number of objects.
         objects: usize,
     },
-    /// More nodes, conflict sets and blocks, or objects than the solvers index.
-    #[error("the instance has more than {0} nodes, conflict sets and blocks, or objects")]
+    /// More nodes, conflict sets with blocks and clashes, or objects than the solvers index.
+    #[error("the instance has more than {0} nodes, conflict sets with blocks and clashes, or objects")]
     TooLarge(usize),
 }
 
@@ -199,7 +208,7 @@ impl Instance {
     pub fn validate(&self) -> Result<(), InstanceError> {
         if self.nodes.len() > MOST
             || self.objects.len() > MOST
-            || self.conflicts.len() + self.blocks.len() > MOST
+            || self.conflicts.len() + self.blocks.len() + self.clashes.len() > MOST
         {
             return Err(InstanceError::TooLarge(MOST));
         }
@@ -243,6 +252,10 @@ impl Instance {
             if !is_slot || [block.from, block.to].contains(&block.at) {
                 return Err(InstanceError::BadBlock(index));
             }
+        }
+        for (from, to) in self.clashes.iter().flat_map(|clash| &clash.edges) {
+            self.require("a clash", *from)?;
+            self.require("a clash", *to)?;
         }
         for object in &self.objects {
             if let Goal::Nodes(nodes) = &object.goal {

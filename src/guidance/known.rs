@@ -225,6 +225,7 @@ fn small() -> Instance {
     }
     Instance {
         blocks: Vec::new(),
+        clashes: Vec::new(),
         nodes: vec![
             node(NodeKind::Arm, 1),
             node(NodeKind::Slot, 1),
@@ -272,6 +273,14 @@ fn the_checker_names_each_broken_rule() {
         replay(&instance, &[&[(1, 2, 0)], &[(1, 0, 3)]]),
         Err(Violation::OverCapacity { step: 2, node: 3 })
     );
+    let mut two_arms = instance.clone();
+    two_arms.nodes.push(Node { kind: NodeKind::Arm, capacity: 1 });
+    for (from, to) in [(2, 4), (4, 2)] {
+        two_arms.edges.push(Edge { from: NodeId(from), to: NodeId(to), weight: 1.0, class: None });
+    }
+    two_arms.clashes.push(Clash { edges: vec![(NodeId(3), NodeId(0)), (NodeId(2), NodeId(4))] });
+    assert_eq!(replay(&two_arms, &[&[(0, 3, 0), (1, 2, 4)]]), Err(Violation::Clashing { step: 1, clash: 0 }));
+    assert_eq!(replay(&two_arms, &[&[(0, 3, 0)], &[(1, 2, 4)]]), Err(Violation::GoalMissed(0)));
     let mut wide = instance.clone();
     wide.conflicts.clear();
     assert_eq!(replay(&wide, &[&[(0, 3, 0)], &[(0, 0, 1)]]), Ok(()));
@@ -304,6 +313,9 @@ fn malformed_instances_are_refused() {
     for at in [0, 2, 3] {
         assert_eq!(fault(&|i| i.blocks.push(block(at))), Some(InstanceError::BadBlock(0)));
     }
+    let clash = |to| Clash { edges: vec![(NodeId(0), NodeId(1)), (NodeId(0), NodeId(to))] };
+    assert_eq!(fault(&|i| i.clashes.push(clash(2))), None);
+    assert!(matches!(fault(&|i| i.clashes.push(clash(9))), Some(InstanceError::NoSuchNode { .. })));
     let one_arm = |capacity| ConflictSet { nodes: vec![NodeId(0)], capacity };
     assert_eq!(fault(&|i| i.conflicts.push(one_arm(1))), None);
     assert_eq!(fault(&|i| i.conflicts.push(one_arm(2))), Some(InstanceError::ArmInConflict(1)));

@@ -395,6 +395,17 @@ fn limited_resources(instance: &Instance) -> Limited {
             crossings[block.from.0].push(crossing);
         }
     }
+    // So is a clash, drawn on by who takes any of its edges.
+    for clash in instance.clashes.iter().filter(|_| objects > 1) {
+        let resource = capacities.len() as u16;
+        capacities.push(1);
+        for (from, to) in &clash.edges {
+            let crossing = (to.0 as u16, resource);
+            if !crossings[from.0].contains(&crossing) {
+                crossings[from.0].push(crossing);
+            }
+        }
+    }
     let mut resources = Lists::default();
     for list in of_node {
         resources.push(list);

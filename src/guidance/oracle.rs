@@ -68,7 +68,12 @@ fn is_legal(instance: &Instance, before: &ModeState, after: &ModeState) -> bool 
         let mut mine = blocks.filter(|b| (b.from, b.to) == (before[object], after[object]));
         mine.any(|block| before.contains(&block.at) || after.contains(&block.at))
     });
+    let clashes = instance.clashes.iter().any(|clash| {
+        let edges = moved.iter().map(|&object| (before[object], after[object]));
+        edges.filter(|edge| clash.edges.contains(edge)).count() > 1
+    });
     !is_blocked
+        && !clashes
         && instance.conflicts.iter().all(|set| {
             let held = before.iter().filter(|at| set.nodes.contains(at)).count();
             let enters = moved.iter().filter(|&&object| set.nodes.contains(&after[object])).count();
@@ -156,7 +161,16 @@ pub(super) fn random_instance(rng: &mut Rng) -> Instance {
             blocks.push(Block { from: edge.from, to: edge.to, at });
         }
     }
-    Instance { nodes, edges, conflicts, blocks, objects }
+    let mut clashes: Vec<Clash> = Vec::new();
+    let clashing = rng.random_ratio(1, 3);
+    for (number, one) in edges.iter().enumerate().filter(|_| clashing) {
+        for other in &edges[..number] {
+            if rng.random_ratio(1, 8) {
+                clashes.push(Clash { edges: vec![(one.from, one.to), (other.from, other.to)] });
+            }
+        }
+    }
+    Instance { nodes, edges, conflicts, blocks, clashes, objects }
 }
 
 /// What a run over many instances came to.

@@ -18,6 +18,7 @@ use super::proof::Proof;
 use super::reach::Reach;
 use super::slots::{Slots, symmetric_poses};
 use super::survey::{Group, SlotReach, Surveyor};
+use super::witness::Witness;
 
 /// How finely surfaces are looked at.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -156,7 +157,7 @@ fn assemble(problem: &Problem, survey: Survey, complete: bool, merge_goals: bool
         }
         for pair in survey.handovers {
             let (from, to) = (pair.giver.0, pair.receiver.0);
-            edges.push(edge(&nodes, from, to, class, Some(pair.witness)));
+            edges.push(edge(&nodes, from, to, class, Some(Witness::Handoff(pair.witness))));
         }
     }
     for node in 0..nodes.len() {
@@ -211,7 +212,7 @@ pub(super) fn edge(
     from: usize,
     to: usize,
     class: usize,
-    witness: Option<super::reach::HandoffWitness>,
+    witness: Option<Witness>,
 ) -> ModeEdge {
     let weight = (nodes[from].centre - nodes[to].centre).norm();
     ModeEdge { from, to, class, weight, witness }

@@ -3,7 +3,8 @@
 use crate::geometry::{Pose, Vec3};
 use crate::workcell::{ArmId, ObjectId, SurfaceId};
 
-use super::reach::{HandoffWitness, RestAction};
+use super::reach::RestAction;
+use super::witness::Witness;
 
 /// Which of the two graphs it is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -90,8 +91,9 @@ pub struct ModeEdge {
     pub class: usize,
     /// Distance between the two nodes' centres (m).
     pub weight: f64,
-    /// Of a handoff in the guidance graph, a case of it.
-    pub witness: Option<HandoffWitness>,
+    /// A case of it: of handoffs in the guidance graph, and of picks and places for which
+    /// [`super::find_witnesses`] found one.
+    pub witness: Option<Witness>,
 }
 
 /// Placements that share room.

@@ -23,6 +23,7 @@ mod regions;
 mod slots;
 mod stance;
 mod survey;
+mod witness;
 
 pub use build::{ModeGraphOptions, build_mode_graph};
 pub use graph::{
@@ -31,6 +32,7 @@ pub use graph::{
 };
 pub use optimistic::optimistic_mode_graph;
 pub use reach::{HandoffWitness, Hold, Reach, RestAction, RestContact};
+pub use witness::{RestWitness, Witness, find_witnesses};
 
 #[cfg(test)]
 mod tests;

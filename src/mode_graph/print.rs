@@ -6,7 +6,8 @@ use crate::problem::Problem;
 use crate::workcell::ArmId;
 
 use super::graph::{BlockedPart, GraphKind, ModeGoal, ModeGraph, Place, Slot};
-use super::reach::RestAction;
+use super::reach::{Hold, RestAction};
+use super::witness::Witness;
 
 impl ModeGraph {
     /// A name for `node` that is unique in the graph and made of the problem's ids:
@@ -40,9 +41,10 @@ impl ModeGraph {
             let centre = node.centre;
             let _ = write!(
                 out,
-                "  {index}: {}, capacity {}, at ({:.3}, {:.3}, {:.3})",
+                "  {index}: {}, capacity {} ({}), at ({:.3}, {:.3}, {:.3})",
                 name(index),
                 node.capacity,
+                why(&node.place),
                 centre.x,
                 centre.y,
                 centre.z
@@ -51,8 +53,7 @@ impl ModeGraph {
                 let arm = |arm: &ArmId| problem.workcell.arms[arm.0].id.as_str();
                 let arms = region.arms.iter().map(arm).collect::<Vec<_>>().join(", ");
                 let merged = region.merged.iter().map(|slot| slot_name(problem, slot)).collect::<Vec<_>>();
-                let _ =
-                    write!(out, ", class {}, {} spots, reached by {arms}", region.class, region.spots.len());
+                let _ = write!(out, ", class {}, reached by {arms}", region.class);
                 if !merged.is_empty() {
                     let _ = write!(out, ", with {}", merged.join("; "));
                 }
@@ -69,7 +70,7 @@ impl ModeGraph {
                 continue;
             }
             let arrow = if both { "<->" } else { "->" };
-            let _ = writeln!(
+            let _ = write!(
                 out,
                 "  {} {arrow} {}, class {}, {:.3} m",
                 name(edge.from),
@@ -77,6 +78,20 @@ impl ModeGraph {
                 edge.class,
                 edge.weight
             );
+            let _ = match &edge.witness {
+                Some(Witness::Rest(rest)) => {
+                    writeln!(out, ", by {} at {}", grasp(&rest.hold), joints(&rest.q))
+                }
+                Some(Witness::Handoff(handoff)) => writeln!(
+                    out,
+                    ", by {} at {} to {} at {}",
+                    grasp(&handoff.giver_hold),
+                    joints(&handoff.giver_q),
+                    grasp(&handoff.receiver_hold),
+                    joints(&handoff.receiver_q)
+                ),
+                None => writeln!(out),
+            };
         }
         if !self.conflicts.is_empty() {
             let _ = writeln!(out, "together at most");
@@ -169,6 +184,33 @@ impl ModeGraph {
         out.push_str("}\n");
         out
     }
+}
+
+/// Where a node's capacity comes from.
+fn why(place: &Place) -> String {
+    match place {
+        Place::Arm(_) => "one gripper".to_owned(),
+        Place::Slot(_) => "one exact pose".to_owned(),
+        Place::Region(region) => {
+            let spots = region.spots.len();
+            let merged = match region.merged.len() {
+                0 => String::new(),
+                count => format!(", and {count} starts and goals within"),
+            };
+            format!("{spots} spots packed with room for fingers{merged}")
+        }
+        Place::Surface(_) => "all objects, within the area below".to_owned(),
+    }
+}
+
+fn grasp(hold: &Hold) -> String {
+    hold.grasp.map_or_else(|| "the hold at the start".to_owned(), |number| format!("grasp {number}"))
+}
+
+/// Joint values for people (rad or m).
+fn joints(q: &[f64]) -> String {
+    let values = q.iter().map(|value| format!("{value:.2}")).collect::<Vec<_>>();
+    format!("[{}]", values.join(", "))
 }
 
 fn slot_name(problem: &Problem, slot: &Slot) -> String {

@@ -108,6 +108,9 @@ pub trait Reach {
         self.reaches(action, arm, object, pose, surface)
     }
 
+    /// A hold by which `contact` can be had, and joints of the arm there.
+    fn contact(&mut self, contact: &RestContact) -> Option<(Hold, Config)>;
+
     /// Whether `contact` can be had in the given hold although `other` rests at `pose` (world).
     fn is_clear(&mut self, contact: &RestContact, hold: &Hold, other: ObjectId, pose: &Pose) -> bool;
 

@@ -35,6 +35,8 @@ pub(super) enum GroundingFailure {
     /// The next contact cannot be had with the hold that the object is in; others may be in its
     /// way.
     NoContact(Move, Vec<Neighbour>),
+    /// No meetings were found at which the arms of these two handoffs are apart.
+    Clash(Move, Move),
 }
 
 /// A grounded step, ready for its motion.
@@ -117,15 +119,18 @@ impl<'a> Grounder<'a> {
             chains: outline.chains.clone(),
             landed: BTreeMap::new(),
         };
-        // Handoffs have no choice of contacts, so that the others choose theirs apart from them.
+        // Handoffs choose first, and the others choose their contacts apart from them.
         let is_handoff =
             |action: &&Move| self.map.arm(action.from).is_some() && self.map.arm(action.to).is_some();
         let (handoffs, others): (Vec<Move>, Vec<Move>) = guide.immediate.iter().partition(is_handoff);
+        let meetings = self.meetings(&now, &handoffs, outline)?;
         for action in handoffs.iter().chain(&others) {
             let chain = outline.chains.get(&action.object).and_then(|chains| chains.first());
             let chain = chain.ok_or(GroundingFailure::NoChain(*action))?;
             let near = self.around(vertex, outline, action.object, 1);
-            self.ground_action((vertex, &now), action, chain, &near, &mut goals, &mut grounding)
+            let meeting = meetings.iter().find(|meeting| meeting.object() == action.object);
+            let meeting = meeting.map(|meeting| &meeting.contact);
+            self.ground_action((vertex, &now), (action, meeting), chain, &near, &mut goals, &mut grounding)
                 .map_err(|by| GroundingFailure::NoContact(*action, by))?;
         }
         for action in &guide.heuristic {
@@ -176,7 +181,7 @@ impl<'a> Grounder<'a> {
     fn ground_action(
         &mut self,
         (vertex, now): (&Vertex, &[Config]),
-        action: &Move,
+        (action, meeting): (&Move, Option<&HandoffContact>),
         chain: &Chain,
         near: &[Neighbour],
         goals: &mut Vec<Option<ArmGoal>>,
@@ -229,7 +234,7 @@ impl<'a> Grounder<'a> {
             }
             (Some(_), Some(_)) => {
                 let (to_arm, to_hold) = *chain.carriers.get(1).ok_or_else(nobody)?;
-                let meeting: &HandoffContact = chain.handoffs.first().ok_or_else(nobody)?;
+                let meeting = meeting.ok_or_else(nobody)?;
                 goals[arm.0] = Some(ArmGoal::Contact {
                     q: meeting.giver_q.clone(),
                     approach: None,

@@ -72,17 +72,52 @@ impl HandoffPool {
             }
             fitting.extend(fresh);
         }
-        let arms = &problem.workcell.arms;
-        let sum = |arm: ArmId, near: &[Config], q: &[f64]| {
-            near.iter().map(|n| travel_time(&arms[arm.0], n, q)).sum::<f64>()
-        };
-        for contact in &mut fitting {
-            contact.cost = sum(query.giver, query.giver_near, &contact.giver_q)
-                + sum(query.receiver, query.receiver_near, &contact.receiver_q);
-        }
-        fitting.sort_by(|a, b| a.cost.total_cmp(&b.cost));
+        by_cost(problem, query, &mut fitting);
         fitting
     }
+
+    /// Up to `wanted` handoffs that fit `query`, or more where more are known, the cheapest first; what is
+    /// missing is sampled anew with `tries` random object poses.
+    pub(super) fn many(
+        &mut self,
+        problem: &Problem,
+        contacts: &mut Contacts<'_>,
+        query: &HandoffQuery<'_>,
+        tries: usize,
+        wanted: usize,
+        rng: &mut Rng,
+    ) -> Vec<HandoffContact> {
+        let key = (query.giver.0, query.receiver.0, problem.objects[query.object.0].class);
+        let fits = |contact: &HandoffContact| {
+            query.giver_holds.iter().any(|(_, hold)| *hold == contact.giver_hold)
+                && query.receiver_holds.iter().any(|(_, hold)| *hold == contact.receiver_hold)
+        };
+        let known = self.known.entry(key).or_default();
+        let mut fitting: Vec<HandoffContact> = known.iter().filter(|c| fits(c)).cloned().collect();
+        if fitting.len() < wanted {
+            let fresh = contacts.handoffs(query, tries, wanted - fitting.len(), rng);
+            fitting.extend(fresh.iter().cloned());
+            known.extend(fresh);
+            if known.len() > MOST_KEPT {
+                known.drain(..known.len() - MOST_KEPT);
+            }
+        }
+        by_cost(problem, query, &mut fitting);
+        fitting
+    }
+}
+
+/// Works out what handoffs cost from where the query's arms are, and puts the cheapest first.
+fn by_cost(problem: &Problem, query: &HandoffQuery<'_>, fitting: &mut [HandoffContact]) {
+    let arms = &problem.workcell.arms;
+    let sum = |arm: ArmId, near: &[Config], q: &[f64]| {
+        near.iter().map(|n| travel_time(&arms[arm.0], n, q)).sum::<f64>()
+    };
+    for contact in fitting.iter_mut() {
+        contact.cost = sum(query.giver, query.giver_near, &contact.giver_q)
+            + sum(query.receiver, query.receiver_near, &contact.receiver_q);
+    }
+    fitting.sort_by(|a, b| a.cost.total_cmp(&b.cost));
 }
 
 /// A pose's numbers to the bit.

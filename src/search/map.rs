@@ -1,5 +1,7 @@
 //! The mode graph with its compiled network, as the search reads it.
 
+use std::sync::Arc;
+
 use crate::geometry::Pose;
 use crate::guidance::{InstanceError, Network, NodeId, instance_of};
 use crate::mode_graph::{ModeGraph, Place};
@@ -10,7 +12,7 @@ use crate::workcell::{ArmId, ObjectId, SurfaceId};
 #[derive(Debug)]
 pub struct Map {
     graph: ModeGraph,
-    network: Network,
+    network: Arc<Network>,
     /// The node of the graph that each node of the network stands for.
     stands_for: Vec<usize>,
 }
@@ -22,7 +24,7 @@ impl Map {
     /// When the graph makes no sense as an instance of guidance.
     pub fn new(graph: ModeGraph) -> Result<Self, InstanceError> {
         let (instance, stands_for) = instance_of(&graph);
-        Ok(Self { network: Network::new(instance)?, graph, stands_for })
+        Ok(Self { network: Arc::new(Network::new(instance)?), graph, stands_for })
     }
 
     /// The graph.
@@ -31,7 +33,7 @@ impl Map {
     }
 
     /// The network.
-    pub fn network(&self) -> &Network {
+    pub fn network(&self) -> &Arc<Network> {
         &self.network
     }
 

@@ -13,15 +13,18 @@
 
 mod candidate;
 mod chain;
+mod clashes;
 mod finish;
 mod forecast;
 mod ground;
 mod handoffs;
 mod leg;
 mod map;
+mod meetings;
 mod outline;
 mod refine;
 mod resume;
+mod rewire;
 mod select;
 mod settings;
 mod smart;

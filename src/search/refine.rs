@@ -16,7 +16,7 @@ use crate::run::Control;
 use crate::workcell::ArmId;
 
 use super::smart::Search;
-use super::tree::{ArmState, Step};
+use super::tree::{ArmState, CostsAfter, Step};
 
 /// Least gain (s) for which a window is replaced.
 const LEAST_GAIN: f64 = 1e-6;
@@ -175,12 +175,7 @@ impl Search<'_> {
                 vertex.arms = arms;
                 vertex.chains.clear();
             }
-            let from = &self.tree[parent];
-            if let Some(step) = &vertex.step {
-                vertex.elapsed = from.elapsed + step.motion.duration;
-                let lengths = step.motion.arms.iter().map(|arm| arm.curve.arc_length());
-                vertex.arc = from.arc.iter().zip(lengths).map(|(sum, length)| sum + length).collect();
-            }
+            vertex.set_costs(CostsAfter::new(&self.tree[parent], vertex.step.as_deref()));
             vertex.parent = Some(parent);
             (vertex.expansions, vertex.failures) = (1, 0);
             self.tree.push(vertex);
@@ -191,7 +186,7 @@ impl Search<'_> {
 }
 
 /// Arms without an action have to end where they did, all but the one that waits elsewhere.
-fn pin(task: &mut StepTask, motion: &StepMotion, but: Option<ArmId>) {
+pub(super) fn pin(task: &mut StepTask, motion: &StepMotion, but: Option<ArmId>) {
     for (index, (arm, was)) in task.arms.iter_mut().zip(&motion.arms).enumerate() {
         if !arm.acts() && but != Some(ArmId(index)) {
             arm.goal = ArmGoal::Contact {

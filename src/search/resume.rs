@@ -110,7 +110,7 @@ impl Search<'_> {
 
     /// Puts the vertices after the first, which is the root, into the tree.
     fn enter(&mut self, vertices: Vec<Vertex>, steps: Vec<Vec<Move>>, control: &Control) {
-        let network = self.map.network();
+        let network = self.network.clone();
         // The memo reads the weight off the network.
         let solution = Solution { start: self.tree[0].mode.clone(), steps, weight: 0.0 };
         if check(network.instance(), &solution).is_ok() {

@@ -110,9 +110,8 @@ impl Search<'_> {
     /// Asks for the guidance of a tau under the cuts in force.
     pub(super) fn guide(&mut self, tau: usize, control: &Control) {
         let mode = self.tree[tau].mode.clone();
-        let network = self.map.network();
         self.tree[tau].guided_at = self.version;
-        match self.guidance.guide(network, &mode, &self.cuts, &mut self.memo, control) {
+        match self.guidance.guide(&self.network, &mode, &self.cuts, &mut self.memo, control) {
             Ok(Advice::Go(guide)) => {
                 let penalty = self.cuts.penalty(&mode, &guide.solution.steps);
                 self.tree[tau].penalty = penalty as f64;
@@ -205,7 +204,10 @@ impl Search<'_> {
     fn blocked(&mut self, action: Move, by: &[Neighbour]) {
         for neighbour in by {
             let kind = CutKind::Blocked { action, by: neighbour.object.0, at: neighbour.node };
-            self.cuts.add(kind, BLOCKED_PENALTY, self.settings.block_lifetime);
+            // Once there is a plan there is time to try again.
+            let settings = &self.settings;
+            let lifetime = if self.best.is_some() { settings.cut_lifetime } else { settings.block_lifetime };
+            self.cuts.add(kind, BLOCKED_PENALTY, lifetime);
             self.version += 1;
         }
     }
@@ -236,7 +238,8 @@ impl Search<'_> {
 
     /// A guide that begins with another action than the tau's own, and is hardly longer.
     fn another_first_action(&mut self, tau: usize, guide: &Guide, control: &Control) -> Option<Guide> {
-        let network = self.map.network();
+        let network = self.network.clone();
+        let network = network.as_ref();
         let instance = network.instance();
         let mode = self.tree[tau].mode.clone();
         let mut actions = Vec::new();
@@ -272,7 +275,7 @@ impl Search<'_> {
         cuts.add(CutKind::Action(*actions.choose(&mut self.rng)?), 2, 1);
         let mut memo = Memo::new();
         memo.suggest(&guide.solution);
-        match self.guidance.guide(self.map.network(), &self.tree[tau].mode, &cuts, &mut memo, control) {
+        match self.guidance.guide(&self.network, &self.tree[tau].mode, &cuts, &mut memo, control) {
             Ok(Advice::Go(other)) => Some(other),
             _ => None,
         }
@@ -322,7 +325,7 @@ impl Search<'_> {
     }
 
     /// Learns from a step that could not be grounded.
-    pub(super) fn note_grounding_failure(&mut self, failure: &GroundingFailure) {
+    pub(super) fn note_grounding_failure(&mut self, failure: &GroundingFailure, control: &Control) {
         let (action, what) = match failure {
             GroundingFailure::NoChain(action) => (action, "no grasps were found that fit together"),
             GroundingFailure::NoContact(action, by) => {
@@ -330,6 +333,14 @@ impl Search<'_> {
                     self.blocked(*action, by);
                 }
                 (action, "no contact was found")
+            }
+            GroundingFailure::Clash(one, two) => {
+                if matches!(self.problem.options.guidance, GuidanceKind::Smart) {
+                    self.cuts.add(CutKind::Pair(*one, *two), 1, self.settings.cut_lifetime);
+                    self.version += 1;
+                    self.suspect(one, two, control);
+                }
+                (two, "no meeting apart from that of another handoff was found")
             }
         };
         self.cause = Some(self.explain(*action, what));

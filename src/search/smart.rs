@@ -7,7 +7,7 @@ use rand::Rng as _;
 
 use crate::collision::CollisionWorld;
 use crate::guidance::{
-    Answer, Certificate, Cuts, Effort, Greedy, Guidance, Guide, Memo, Sequential, Smart, solve,
+    Answer, Certificate, Cuts, Effort, Greedy, Guidance, Guide, Memo, Network, Sequential, Smart, solve,
 };
 use crate::motion::{Roadmap, StepPlanner};
 use crate::problem::{GuidanceKind, InitialPlacement, Objective, Problem};
@@ -16,6 +16,7 @@ use crate::transition::Contacts;
 use crate::workcell::ArmId;
 
 use super::candidate::Candidate;
+use super::clashes::Suspicions;
 use super::ground::Grounder;
 use super::map::Map;
 use super::outline::Outline;
@@ -43,6 +44,9 @@ pub struct Search<'a> {
     pub(super) settings: Settings,
     pub(super) planner: StepPlanner<'a>,
     pub(super) grounder: Grounder<'a>,
+    /// The map's network with what was learnt since.
+    pub(super) network: Arc<Network>,
+    pub(super) suspicions: Suspicions,
     pub(super) guidance: Box<dyn Guidance>,
     pub(super) memo: Memo,
     /// Answers without cuts, for states beside the way.
@@ -56,7 +60,7 @@ pub struct Search<'a> {
     /// Vertices from the root to the goal of the best plan found here.
     pub(super) best_way: Vec<usize>,
     pub(super) rng: Rng,
-    seed: Seed,
+    pub(super) seed: Seed,
     pub(super) iterations: u64,
     pub(super) certificate: Option<Certificate>,
     pub(super) cause: Option<String>,
@@ -90,6 +94,8 @@ impl<'a> Search<'a> {
             planner: StepPlanner::new(problem, world, roadmaps, seed),
             grounder: Grounder::new(problem, world, map, contacts, &settings, seed),
             settings,
+            network: map.network().clone(),
+            suspicions: Suspicions::new(),
             guidance,
             memo: Memo::new(),
             detours: Memo::new(),
@@ -127,6 +133,11 @@ impl<'a> Search<'a> {
 
     /// Tells the search the cost of the best accepted plan, found here or by another thread.
     pub fn set_incumbent(&mut self, cost: [f64; 2]) {
+        if self.best.is_none() {
+            // What stood in the way of the first plan may be tried again.
+            self.cuts.clear();
+            self.version += 1;
+        }
         if self.best.is_none_or(|best| cost < best) {
             self.best = Some(cost);
         }
@@ -169,10 +180,10 @@ impl<'a> Search<'a> {
         self.tree[tau].expansions += 1;
         match self.extend(tau, &guide, outline, control) {
             Some(new) => {
-                if self.tree[new].is_goal {
-                    return self.finish(new, control);
-                }
-                Report::Nothing
+                let is_goal = self.tree[new].is_goal;
+                let end =
+                    if self.best.is_some() { self.rewire(new, control) } else { is_goal.then_some(new) };
+                end.map_or(Report::Nothing, |end| self.finish(end, control))
             }
             None => {
                 if !control.should_stop() {
@@ -191,9 +202,9 @@ impl<'a> Search<'a> {
         if !is_smart || self.certificate.as_ref().is_some_and(|known| known.optimum.is_some()) {
             return;
         }
-        let (network, start) = (self.map.network(), self.tree[0].mode.clone());
+        let start = self.tree[0].mode.clone();
         let effort = Effort::thorough();
-        let answer = solve(network, &start, &Cuts::none(), &effort, self.seed, control);
+        let answer = solve(&self.network, &start, &Cuts::none(), &effort, self.seed, control);
         if let Ok(answer @ Answer::Solved(..)) = answer {
             self.memo.keep(&start, &answer, &Cuts::none());
             let known = answer.certificate().copied();
@@ -231,7 +242,7 @@ impl<'a> Search<'a> {
             let grounding = match self.grounder.ground(&self.tree[tau], guide, &outline) {
                 Ok(grounding) => grounding,
                 Err(failure) => {
-                    self.note_grounding_failure(&failure);
+                    self.note_grounding_failure(&failure, control);
                     return None;
                 }
             };

@@ -4,9 +4,10 @@
 use rand::Rng as _;
 use rand::seq::IndexedRandom;
 
+use super::ground::GroundingFailure;
 use super::*;
 use crate::collision::CollisionWorld;
-use crate::guidance::{Guide, Instance, Move, Solution};
+use crate::guidance::{Guide, Instance, Move, Solution, check};
 use crate::mode_graph::{ModeGraphOptions, build_mode_graph};
 use crate::motion::{ArmGoal, Roadmap};
 use crate::problem::Problem;
@@ -40,48 +41,139 @@ fn random_step(instance: &Instance, map: &Map, rng: &mut Rng) -> Guide {
     Guide::along(map.network(), solution, None)
 }
 
+/// Lets `act` look at a search that has not begun, with its map and a stream of random numbers.
+fn with_search(problem: &Problem, act: impl FnOnce(&mut Search<'_>, &Map, &mut Rng)) {
+    let (seed, control) = (Seed(5), Control::unbounded());
+    let world = CollisionWorld::new(problem);
+    let mut reach = SampledReach::new(problem, &world, seed);
+    let graph = build_mode_graph(problem, &mut reach, &ModeGraphOptions::planning(), &control);
+    let contacts = reach.into_contacts();
+    let map = Map::new(graph).unwrap();
+    let mut rng = seed.stream("test");
+    let roadmaps = problem.workcell.arms.iter().enumerate().map(|(index, arm)| {
+        let mut roadmap = Roadmap::new(ArmId(index), arm);
+        roadmap.grow(&world, arm, 300, &control, &mut rng);
+        roadmap
+    });
+    let roadmaps: Vec<Roadmap> = roadmaps.collect();
+    let settings = Settings::default();
+    let mut search = Search::new(problem, &world, &map, contacts, roadmaps, settings, seed, &control);
+    act(&mut search, &map, &mut rng);
+}
+
+/// A move of object 0 for every handoff edge of its class.
+fn handoffs(instance: &Instance) -> Vec<Move> {
+    let class = instance.objects[0].class;
+    let edges = instance.edges.iter().filter(|e| e.class.is_none_or(|c| c == class));
+    edges
+        .filter(|edge| instance.is_arm(edge.from) && instance.is_arm(edge.to))
+        .map(|edge| Move { object: 0, from: edge.from, to: edge.to })
+        .collect()
+}
+
+#[test]
+fn handoffs_that_never_fit_into_one_step_become_a_rule() {
+    let control = Control::unbounded();
+    with_search(&problem(Family::SideToSide, 1), |search, map, _| {
+        let all = handoffs(map.network().instance());
+        let arms = |action: &Move| [map.arm(action.from).unwrap(), map.arm(action.to).unwrap()];
+        let one = all[0];
+        let two = *all.iter().find(|two| arms(two).iter().all(|arm| !arms(&one).contains(arm))).unwrap();
+        let rules = |search: &Search<'_>| search.network.instance().clashes.len();
+        for _ in 0..2 {
+            search.suspect(&one, &two, &control);
+            assert_eq!(rules(search), 0);
+        }
+        search.suspect(&two, &one, &control);
+        assert_eq!(rules(search), 1);
+        search.suspect(&one, &two, &control);
+        assert_eq!(rules(search), 1);
+        let clash = search.network.instance().clashes[0].clone();
+        for action in [one, two] {
+            assert!(clash.edges.contains(&(action.from, action.to)));
+        }
+        search.guide(0, &control);
+        let guide = search.tree[0].guide.clone().unwrap();
+        check(search.network.instance(), &guide.solution).unwrap();
+        assert!(search.certificate().unwrap().lower_bound >= 5);
+    });
+}
+
+#[test]
+fn meetings_of_one_step_are_apart_or_said_to_clash() {
+    // The handoffs along both diagonals of a square of arms, by the graph's own witnesses of grasps.
+    let (mut apart, mut clashes) = (0, 0);
+    for seed in 0..4 {
+        with_search(&problem(Family::SideToSide, seed), |search, _, _| {
+            let guide = search.tree[0].guide.clone().unwrap();
+            let outline = search.grounder.outline(&search.tree[0], &guide);
+            let now: Vec<_> = search.tree[0].arms.iter().map(|arm| arm.q.clone()).collect();
+            // Every handoff that an object comes to first, as if all were done at once.
+            let mut together: Vec<Move> = Vec::new();
+            for leg in &outline.legs {
+                let handing = |action: &&(usize, Move)| {
+                    search.map.arm(action.1.from).is_some() && search.map.arm(action.1.to).is_some()
+                };
+                let known = outline.chains.get(&leg.object).is_some_and(|c| !c[0].handoffs.is_empty());
+                let taken = |action: &Move| {
+                    let ends = [search.map.arm(action.from), search.map.arm(action.to)];
+                    let used = |other: &Move| [search.map.arm(other.from), search.map.arm(other.to)];
+                    together.iter().any(|other| used(other).iter().any(|arm| ends.contains(arm)))
+                };
+                if let Some((_, action)) = leg.moves.iter().find(handing).filter(|(_, a)| known && !taken(a))
+                {
+                    together.push(*action);
+                }
+            }
+            match search.grounder.meetings(&now, &together, &outline) {
+                Ok(chosen) => {
+                    assert_eq!(chosen.len(), together.len());
+                    for (n, one) in chosen.iter().enumerate() {
+                        for two in &chosen[..n] {
+                            assert!(search.grounder.are_apart(one, two));
+                            apart += 1;
+                        }
+                    }
+                }
+                Err(GroundingFailure::Clash(one, two)) => {
+                    assert!(together.contains(&one) && together.contains(&two));
+                    clashes += 1;
+                }
+                Err(other) => panic!("{other:?}"),
+            }
+        });
+    }
+    assert!(apart + clashes > 0);
+}
+
 #[test]
 fn the_tree_reaches_mode_goals_without_guidance() {
     let control = Control::unbounded();
     for family in [Family::Switch, Family::SideToSide, Family::Random] {
-        let problem = problem(family, 1);
-        let seed = Seed(5);
-        let world = CollisionWorld::new(&problem);
-        let mut reach = SampledReach::new(&problem, &world, seed);
-        let graph = build_mode_graph(&problem, &mut reach, &ModeGraphOptions::planning(), &control);
-        let contacts = reach.into_contacts();
-        let map = Map::new(graph).unwrap();
-        let mut rng = seed.stream("test");
-        let roadmaps = problem.workcell.arms.iter().enumerate().map(|(index, arm)| {
-            let mut roadmap = Roadmap::new(ArmId(index), arm);
-            roadmap.grow(&world, arm, 300, &control, &mut rng);
-            roadmap
-        });
-        let roadmaps: Vec<Roadmap> = roadmaps.collect();
-        let settings = Settings::default();
-        let mut search = Search::new(&problem, &world, &map, contacts, roadmaps, settings, seed, &control);
-        let reached = (0..40).any(|_| {
-            let guide = random_step(map.network().instance(), &map, &mut rng);
-            if guide.immediate.is_empty() {
-                return false;
-            }
-            let outline = search.grounder.outline(&search.tree[0], &guide);
-            let Ok(grounding) = search.grounder.ground(&search.tree[0], &guide, &outline) else {
-                return false;
-            };
-            let Ok(motion) = search.planner.plan_as_one_robot(&grounding.task, &control) else {
-                return false;
-            };
-            // modal_check: every arm with an action stands at its contact, all at the same time.
-            motion.arms.iter().zip(&grounding.task.arms).all(|(arm, task)| match &task.goal {
-                ArmGoal::Contact { q, .. } => {
-                    let end = &arm.curve.last().q;
-                    let near = end.iter().zip(q).all(|(a, b)| (a - b).abs() < 1e-9);
-                    near && (arm.curve.end_time() - motion.duration).abs() < 1e-9
+        with_search(&problem(family, 1), |search, map, rng| {
+            let reached = (0..40).any(|_| {
+                let guide = random_step(map.network().instance(), map, rng);
+                if guide.immediate.is_empty() {
+                    return false;
                 }
-                _ => true,
-            })
+                let outline = search.grounder.outline(&search.tree[0], &guide);
+                let Ok(grounding) = search.grounder.ground(&search.tree[0], &guide, &outline) else {
+                    return false;
+                };
+                let Ok(motion) = search.planner.plan_as_one_robot(&grounding.task, &control) else {
+                    return false;
+                };
+                // modal_check: every arm with an action stands at its contact, all at the same time.
+                motion.arms.iter().zip(&grounding.task.arms).all(|(arm, task)| match &task.goal {
+                    ArmGoal::Contact { q, .. } => {
+                        let end = &arm.curve.last().q;
+                        let near = end.iter().zip(q).all(|(a, b)| (a - b).abs() < 1e-9);
+                        near && (arm.curve.end_time() - motion.duration).abs() < 1e-9
+                    }
+                    _ => true,
+                })
+            });
+            assert!(reached, "{}", family.name());
         });
-        assert!(reached, "{}", family.name());
     }
 }

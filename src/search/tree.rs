@@ -69,7 +69,34 @@ pub(super) struct Vertex {
     pub(super) is_goal: bool,
 }
 
+/// What the way to a vertex costs in all.
+#[derive(Debug)]
+pub(super) struct CostsAfter {
+    elapsed: f64,
+    arc: Vec<f64>,
+    depth: usize,
+}
+
+impl CostsAfter {
+    /// The costs after `step` from `parent`.
+    pub(super) fn new(parent: &Vertex, step: Option<&Step>) -> Self {
+        let lengths = |step: &Step| -> Vec<f64> {
+            let arms = step.motion.arms.iter().zip(&parent.arc);
+            arms.map(|(arm, sum)| sum + arm.curve.arc_length()).collect()
+        };
+        Self {
+            elapsed: parent.elapsed + step.map_or(0.0, |step| step.motion.duration),
+            arc: step.map_or_else(|| parent.arc.clone(), lengths),
+            depth: parent.depth + 1,
+        }
+    }
+}
+
 impl Vertex {
+    pub(super) fn set_costs(&mut self, costs: CostsAfter) {
+        (self.elapsed, self.arc, self.depth) = (costs.elapsed, costs.arc, costs.depth);
+    }
+
     /// Steps that the guidance says remain.
     pub(super) fn remaining(&self) -> Option<usize> {
         self.guide.as_ref().and_then(|guide| guide.remaining_steps)

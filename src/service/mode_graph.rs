@@ -9,7 +9,8 @@ use super::workcells::Bundle;
 use crate::collision::CollisionWorld;
 use crate::geometry::{Pose, Vec3};
 use crate::mode_graph::{
-    BlockedPart, GraphKind, ModeGoal, ModeGraph, ModeGraphOptions, Place, RestAction, Slot, build_mode_graph,
+    BlockedPart, GraphKind, ModeGoal, ModeGraph, ModeGraphOptions, Place, RestAction, Slot, Witness,
+    build_mode_graph, find_witnesses,
 };
 use crate::problem::Problem;
 use crate::run::{Control, Seed};
@@ -37,7 +38,8 @@ pub fn of_workcell(
     let control = Control::with_budget(budget);
     let world = CollisionWorld::new(&problem);
     let mut reach = SampledReach::new(&problem, &world, Seed(problem.options.seed));
-    let graph = build_mode_graph(&problem, &mut reach, &ModeGraphOptions::default(), &control);
+    let mut graph = build_mode_graph(&problem, &mut reach, &ModeGraphOptions::default(), &control);
+    find_witnesses(&problem, &mut graph, &mut reach, &control);
     Ok(document(&graph, &problem))
 }
 
@@ -111,12 +113,16 @@ pub fn document(graph: &ModeGraph, problem: &Problem) -> Value {
         })
     });
     let edges = graph.edges.iter().map(|edge| {
-        let witness = edge.witness.as_ref().map(|witness| {
-            json!({
+        let witness = edge.witness.as_ref().map(|witness| match witness {
+            Witness::Handoff(witness) => json!({
                 "giver_q": witness.giver_q.to_vec(), "receiver_q": witness.receiver_q.to_vec(),
                 "object_in_tcp": pose(&witness.giver_hold.object_in_tcp),
                 "to_object_in_tcp": pose(&witness.receiver_hold.object_in_tcp),
-            })
+            }),
+            Witness::Rest(witness) => json!({
+                "q": witness.q.to_vec(), "object_in_tcp": pose(&witness.hold.object_in_tcp),
+                "object_pose": pose(&witness.pose), "surface": surface(witness.surface),
+            }),
         });
         json!({
             "from": edge.from, "to": edge.to, "class": edge.class, "weight": edge.weight, "witness": witness,

@@ -4,6 +4,7 @@ use std::sync::Arc;
 
 use crate::collision::{CollisionWorld, Scene};
 use crate::geometry::Pose;
+use crate::kinematics::Config;
 use crate::mode_graph::{HandoffWitness, Hold, Reach, RestAction, RestContact};
 use crate::problem::Problem;
 use crate::run::{Rng, Seed};
@@ -138,6 +139,16 @@ impl Reach for SampledReach<'_> {
         let class = self.classes[object.0];
         let question = RestQuestion::new(class, action, arm, surface, pose, Matter::Estimate);
         self.remembered(question, |contacts| contacts.seems_possible(&query))
+    }
+
+    fn contact(&mut self, contact: &RestContact) -> Option<(Hold, Config)> {
+        let RestContact { action, arm, object, pose, surface } = contact;
+        let query = contact_query(*action, *arm, *object, pose, *surface);
+        let holds = self.possible_holds(*action, *arm, *object, pose, *surface);
+        holds.into_iter().find_map(|hold| {
+            let found = self.contacts.nth(&query, &hold.object_in_tcp, 0)?;
+            Some((hold, found.q))
+        })
     }
 
     fn is_clear(&mut self, contact: &RestContact, hold: &Hold, other: ObjectId, pose: &Pose) -> bool {

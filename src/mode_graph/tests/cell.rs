@@ -182,6 +182,12 @@ impl Reach for PlainReach<'_> {
         self.possible_holds(action, arm, object, pose, surface).iter().any(|known| known.grasp == hold.grasp)
     }
 
+    fn contact(&mut self, contact: &RestContact) -> Option<(Hold, Config)> {
+        let RestContact { action, arm, object, pose, surface } = contact;
+        let holds = self.possible_holds(*action, *arm, *object, pose, *surface);
+        holds.first().map(|hold| (*hold, Config::from_elem(0.0, 7)))
+    }
+
     fn is_clear(&mut self, contact: &RestContact, hold: &Hold, _: ObjectId, pose: &Pose) -> bool {
         self.asked += 1;
         // The hand comes from where the approach points away from.
