@@ -57,6 +57,8 @@ pub enum WorkcellAge {
     New,
     /// Another arrangement in the same workcell was planned before the run, in the same process.
     Known,
+    /// The same in an earlier process, which has left its knowledge in a folder.
+    Stored,
 }
 
 /// What holds for all runs.

@@ -1,5 +1,6 @@
 //! One run, measured.
 
+use std::path::PathBuf;
 use std::time::Duration;
 
 use crate::plan::Plan;
@@ -41,7 +42,7 @@ pub enum BenchError {
 }
 
 /// What holds for all runs.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq)]
 pub struct RunSettings {
     /// Time budget, validation included.
     pub budget: Duration,
@@ -51,6 +52,19 @@ pub struct RunSettings {
     pub workcell: WorkcellAge,
     /// Whether to stop at the first plan.
     pub first_solution: bool,
+    /// The folder of compiled workcells, for [`WorkcellAge::Stored`].
+    pub cache_dir: Option<PathBuf>,
+}
+
+impl RunSettings {
+    /// What a process knows that has just begun and looks into the folder.
+    fn from_folder(&self) -> PlannerCache {
+        let cache = PlannerCache::new(0);
+        match &self.cache_dir {
+            Some(folder) => cache.with_folder(folder, None),
+            None => cache,
+        }
+    }
 }
 
 /// Measures trial `trial` of `case`; `None` when it was cancelled. `observe` hears how long it has been
@@ -68,7 +82,11 @@ pub fn measure(
 ) -> Result<Option<(Run, Option<Remark>)>, BenchError> {
     let cache = match settings.workcell {
         WorkcellAge::New => PlannerCache::new(0),
-        WorkcellAge::Known => acquainted(case, trial, settings, cancel)?,
+        WorkcellAge::Known => acquainted(PlannerCache::new(1), case, trial, settings, cancel)?,
+        WorkcellAge::Stored => {
+            acquainted(settings.from_folder(), case, trial, settings, cancel)?;
+            settings.from_folder()
+        }
     };
     let document = document(case, trial)?;
     memory::reset_peak();
@@ -110,14 +128,14 @@ pub fn measure(
     Ok(Some((run, remark)))
 }
 
-/// What is known after another arrangement of the same workcell was planned.
+/// `cache` with what is known after another arrangement of the same workcell was planned.
 fn acquainted(
+    cache: PlannerCache,
     case: Case,
     trial: u64,
     settings: &RunSettings,
     cancel: &CancelToken,
 ) -> Result<PlannerCache, BenchError> {
-    let cache = PlannerCache::new(1);
     let seed = trial + OTHER_ARRANGEMENT;
     let mut problem = read(case, seed, &document(case, seed)?)?;
     problem.options.threads = settings.threads;

@@ -249,6 +249,7 @@ fn a_run_is_measured() {
         threads: 1,
         workcell: WorkcellAge::Known,
         first_solution: true,
+        cache_dir: None,
     };
     let suite = Suite { cases: vec![case], guidances: vec![GuidanceKind::Smart], trials: 1, settings };
     let mut results = results(Vec::new());

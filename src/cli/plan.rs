@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 use super::guidance::Guidance;
 use super::{Answer, CliError, budget, input, interrupt};
 use crate::plan::Metrics;
-use crate::planner::{self, PlannerEvent, Termination};
+use crate::planner::{self, PlannerCache, PlannerEvent, Termination};
 use crate::problem::Options;
 use crate::run::{CancelToken, Control, Deadline};
 
@@ -34,6 +34,9 @@ pub(super) struct Arguments {
     /// Stop at the first plan
     #[arg(long)]
     first_solution: bool,
+    /// Folder in which compiled workcells are kept from one run to the next
+    #[arg(long, env = "QUADRILLE_CACHE_DIR")]
+    cache_dir: Option<PathBuf>,
     /// Where the best plan goes, instead of stdout
     #[arg(long)]
     out: Option<PathBuf>,
@@ -48,7 +51,11 @@ pub(super) fn run(arguments: &Arguments) -> Result<Answer, CliError> {
     interrupt::cancels(cancel.clone());
     let control = Control::new(Deadline::resumed(began.elapsed(), time_budget), cancel);
     let mut screen = Screen::new();
-    let outcome = planner::plan(&problem, &control, &mut |event| screen.show(&event));
+    let mut cache = PlannerCache::new(0);
+    if let Some(folder) = &arguments.cache_dir {
+        cache = cache.with_folder(folder, None);
+    }
+    let outcome = planner::plan_with(&cache, &problem, &control, &mut |event| screen.show(&event));
     screen.clear();
     match &outcome.best {
         Some(best) => {

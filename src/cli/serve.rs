@@ -32,13 +32,14 @@ pub(super) fn run(arguments: Arguments) -> Result<Answer, CliError> {
         .enable_all()
         .build()
         .map_err(|error| CliError::Service("no runtime".to_owned(), error))?;
-    let answer = runtime.block_on(serve(settings.address(), config));
+    let planner = SmartPlanner::new(settings.cache());
+    let answer = runtime.block_on(serve(settings.address(), config, planner));
     // What a stuck planner thread holds is not waited for: the process ends with it.
     runtime.shutdown_background();
     answer
 }
 
-async fn serve(listen: SocketAddr, config: ServiceConfig) -> Result<Answer, CliError> {
+async fn serve(listen: SocketAddr, config: ServiceConfig, planner: SmartPlanner) -> Result<Answer, CliError> {
     let named = |error| CliError::Service(listen.to_string(), error);
     let listener = TcpListener::bind(listen).await.map_err(named)?;
     let address = listener.local_addr().map_err(named)?;
@@ -56,7 +57,7 @@ async fn serve(listen: SocketAddr, config: ServiceConfig) -> Result<Answer, CliE
     println!("listening on {address}");
     let shutdown = CancellationToken::new();
     tokio::spawn(raise_on_signal(shutdown.clone()));
-    service::serve(listener, config, Arc::new(SmartPlanner::default()), shutdown).await.map_err(named)?;
+    service::serve(listener, config, Arc::new(planner), shutdown).await.map_err(named)?;
     tracing::info!("stopped");
     Ok(Answer::Yes)
 }

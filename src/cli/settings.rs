@@ -9,6 +9,7 @@ use serde::Deserialize;
 use serde::de::{Deserializer, Error as _};
 
 use super::budget;
+use crate::planner::PlannerCache;
 use crate::service::ServiceConfig;
 
 /// Longest settings file (bytes).
@@ -62,6 +63,10 @@ settings! {
     listen: SocketAddr = "QUADRILLE_LISTEN";
     /// Folder in which jobs and workcells are kept [default: none, all is in memory]
     data_dir: PathBuf = "QUADRILLE_DATA_DIR";
+    /// Folder in which compiled workcells are kept [default: none, in memory only]
+    cache_dir: PathBuf = "QUADRILLE_CACHE_DIR";
+    /// Most bytes of that folder [default: 536870912]
+    cache_bytes: u64 = "QUADRILLE_CACHE_BYTES";
     /// Planner threads [default: one less than there are processors, at least 1]
     workers: usize = "QUADRILLE_WORKERS";
     /// Most jobs that wait for a planner thread [default: 64]
@@ -154,6 +159,14 @@ impl Settings {
     /// Where to listen.
     pub(super) fn address(&self) -> SocketAddr {
         self.listen.unwrap_or_else(|| SocketAddr::from(([127, 0, 0, 1], 8080)))
+    }
+
+    /// What is known of workcells when the service starts.
+    pub(super) fn cache(&self) -> PlannerCache {
+        match &self.cache_dir {
+            Some(folder) => PlannerCache::default().with_folder(folder, self.cache_bytes),
+            None => PlannerCache::default(),
+        }
     }
 
     /// The service's configuration.

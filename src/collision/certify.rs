@@ -93,14 +93,12 @@ impl JointMotion for StraightMotion {
             halves[lane] = ((to - from) / 2.0) as f32 * DEVIATION_ROUND_UP;
         }
         out.resize(self.from.len());
-        let rows = out.values.iter_mut().zip(&mut out.deviations);
-        for ((from, delta), (values, deviations)) in self.from.iter().zip(&self.delta).zip(rows) {
+        let rows = out.values.iter_mut().zip(out.deviations.iter_mut());
+        for ((values, deviations), (from, delta)) in rows.zip(self.from.iter().zip(&self.delta)) {
             let (from, delta) = (*from as f32, *delta as f32);
             let most = delta.abs() * DEVIATION_ROUND_UP;
-            for lane in 0..8 {
-                values[lane] = delta * middles[lane] + from;
-                deviations[lane] = most * halves[lane];
-            }
+            *values = middles.map(|middle| delta * middle + from);
+            *deviations = halves.map(|half| most * half);
         }
     }
 }
@@ -175,10 +173,13 @@ impl Stations<'_> {
     /// The eight from number `first` on, the last one again where there are fewer.
     pub(super) fn sample_batch(&self, first: usize, out: &mut Samples) {
         let Some(last) = self.0.len().checked_sub(1) else { return };
-        out.resize(self.0[0].len());
-        for lane in 0..8 {
-            for (row, value) in out.values.iter_mut().zip(self.0[last.min(first + lane)]) {
-                row[lane] = *value as f32;
+        let lanes: [&[f64]; 8] = std::array::from_fn(|lane| self.0[last.min(first + lane)]);
+        let joints = lanes.iter().fold(usize::MAX, |least, q| least.min(q.len()));
+        out.resize(joints);
+        let lanes = lanes.map(|q| &q[..joints]);
+        for (joint, row) in out.values.iter_mut().enumerate() {
+            for (value, q) in row.iter_mut().zip(&lanes) {
+                *value = q[joint] as f32;
             }
         }
     }

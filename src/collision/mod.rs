@@ -31,5 +31,10 @@ pub use lanes::Samples;
 pub use scene::{Exemption, Held, Scene};
 pub use world::{CollisionWorld, Resting, Taking};
 
+/// The name of the instructions that checks run on: others may round otherwise.
+pub fn instructions() -> &'static str {
+    crate::geometry::lanes::InstructionSet::best().name()
+}
+
 /// Motion bound (m) below which a pair that is still not certified counts as blocked.
 pub const UNDECIDED_MOTION: f64 = 1.0e-4;

@@ -2,7 +2,7 @@
 //! lanes are tested against.
 
 use crate::geometry::{Pose, Vec3};
-use crate::kinematics::Config;
+use crate::kinematics::{Config, Link, LinkMotion};
 
 use super::UNDECIDED_MOTION;
 use super::arm_bodies::Levers;
@@ -83,12 +83,22 @@ impl Mover<'_> {
         self.levers(body).iter().zip(deviation).map(|(lever, d)| lever.map_or(0.0, |l| l * d)).sum()
     }
 
-    /// The most that two bodies of this arm move against each other: joints that move both do not
-    /// count.
-    fn relative_bound(&self, a: BodyIndex, b: BodyIndex, deviation: &[f64]) -> f64 {
+    /// The most that two bodies of this arm move against each other: joints that move both as one do
+    /// not count, joints that drive several links may stand between them all the same.
+    fn relative_bound(&self, world: &CollisionWorld, a: BodyIndex, b: BodyIndex, deviation: &[f64]) -> f64 {
+        let links = &world.workcell.arms[self.arm.0].model.links;
+        let drives_several = |driving: usize| {
+            let driven = |link: &&Link| match &link.motion {
+                LinkMotion::Held => false,
+                LinkMotion::Revolute { joint, .. } | LinkMotion::Prismatic { joint, .. } => *joint == driving,
+            };
+            links.iter().filter(driven).count() > 1
+        };
         let mut sum = 0.0;
-        for ((la, lb), d) in self.levers(a).iter().zip(self.levers(b)).zip(deviation) {
+        let levers = self.levers(a).iter().zip(self.levers(b));
+        for (joint, ((la, lb), d)) in levers.zip(deviation).enumerate() {
             sum += match (la, lb) {
+                (Some(x), Some(y)) if drives_several(joint) => (x + y) * d,
                 (Some(_), Some(_)) | (None, None) => 0.0,
                 (Some(l), None) | (None, Some(l)) => l * d,
             };
@@ -226,7 +236,7 @@ impl Check<'_> {
                 (atom.separation(placed, other.atom(pair.b), theirs, clearance + bound), bound)
             }
             _ => {
-                let bound = mover.relative_bound(pair.a, pair.b, &at.0.deviation);
+                let bound = mover.relative_bound(self.world, pair.a, pair.b, &at.0.deviation);
                 let second = &at.0.atoms[usize::from(pair.b)];
                 (atom.separation(placed, mover.atom(pair.b), second, clearance + bound), bound)
             }

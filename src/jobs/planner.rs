@@ -47,6 +47,13 @@ pub struct SmartPlanner {
     cache: std::sync::Arc<PlannerCache>,
 }
 
+impl SmartPlanner {
+    /// The planner with what `cache` knows of workcells.
+    pub fn new(cache: PlannerCache) -> Self {
+        Self { cache: std::sync::Arc::new(cache) }
+    }
+}
+
 impl Planner for SmartPlanner {
     fn plan(
         &self,

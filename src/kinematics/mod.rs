@@ -18,7 +18,7 @@ pub use inverse::InverseMethod;
 pub use lever::{Lever, Reach};
 pub use library::{LibraryRobot, library, library_names};
 pub use model::{ArmModel, Config, Joint, JointLimits, Link, LinkMotion};
-pub use moving_frames::{Frame8, MovingFrames};
+pub use moving_frames::{Frame8, Frames8, MovingFrames};
 pub use srdf::{SrdfError, disabled_group_pairs};
 pub use urdf::{
     LimitFault, MAX_MESH_BYTES, MeshError, MeshResolver, NoMeshes, UrdfError, UrdfWarning, mesh_points,

@@ -6,10 +6,14 @@
 //! turn that costs nothing.
 
 use nalgebra::{Rotation3, UnitQuaternion};
+use smallvec::SmallVec;
 
 use super::model::{ArmModel, Link, LinkMotion};
 use crate::geometry::lanes::{Float8, V3, column_sum, scale3, sin_cos, splat3};
 use crate::geometry::{Pose, Vec3};
+
+/// The axes of the placement.
+const UPRIGHT: [[f32; 3]; 3] = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
 
 /// Components below this count as zero where a frame may be chosen.
 const ZERO: f64 = 1e-9;
@@ -23,14 +27,8 @@ pub struct Frame8<F> {
     pub origin: V3<F>,
 }
 
-impl<F: Float8> Frame8<F> {
-    /// Nothing but zeros, to be overwritten.
-    #[inline(always)]
-    pub fn zero() -> Self {
-        let zero = [F::splat(0.0); 3];
-        Self { axes: [zero; 3], origin: zero }
-    }
-}
+/// Frames of one arm, in order; those of most arms need no memory of their own.
+pub type Frames8<F> = SmallVec<[Frame8<F>; 8]>;
 
 /// The moving frames of an arm in its place.
 #[derive(Debug, Clone)]
@@ -52,16 +50,22 @@ struct Step {
 /// The frame before the joint's own motion.
 #[derive(Debug, Clone)]
 enum Before {
+    /// It stands still, its axes those of the placement.
+    Upright { origin: [f32; 3] },
     /// It stands still.
     Still { axes: [[f32; 3]; 3], origin: [f32; 3] },
-    /// On another frame.
+    /// On another frame, mostly that of the step before.
     On { parent: usize, origin: [f32; 3], turn: Turn },
 }
 
 /// How a frame is turned against the one on which it stands.
 #[derive(Debug, Clone)]
 enum Turn {
-    /// About x, mostly by a quarter or not at all; to tell these apart costs more than it saves.
+    /// Not at all.
+    Not,
+    /// By a quarter about x that takes z to y: as most are, since frames are chosen so.
+    Quarter,
+    /// About x.
     AboutX { cosine: f32, sine: f32 },
     /// Its axes in the other frame.
     Any([[f32; 3]; 3]),
@@ -96,6 +100,7 @@ impl MovingFrames {
             let origin = single(&at.translation.vector);
             let before = match under {
                 Some(parent) => Before::On { parent, origin, turn },
+                None if columns(&frame) == UPRIGHT => Before::Upright { origin },
                 None => Before::Still { axes: columns(&frame), origin },
             };
             let shift = (offset + spin) as f32;
@@ -142,90 +147,146 @@ impl MovingFrames {
     pub fn parent(&self, frame: usize) -> Option<usize> {
         match self.steps[frame].before {
             Before::On { parent, .. } => Some(parent),
-            Before::Still { .. } => None,
+            Before::Upright { .. } | Before::Still { .. } => None,
         }
     }
 
-    /// Places all frames at eight configurations `q[joint][lane]`; `out` has room for each.
-    #[inline(always)]
-    pub fn place<F: Float8>(&self, q: &[[f32; 8]], out: &mut [Frame8<F>]) {
-        // Sines and cosines depend on nothing: all of them first.
-        for (step, frame) in self.steps.iter().zip(out.iter_mut()) {
-            let value = F::load(&q[step.joint]).mul_add(F::splat(step.multiplier), F::splat(step.shift));
-            if step.slides {
-                frame.axes[0][0] = value;
-            } else {
-                (frame.axes[0][0], frame.axes[0][1]) = sin_cos(value);
+    /// The axis of a frame's joint in the frame on which it stands (in that of the placement where that
+    /// is `None`): a point of it (m) and its direction.
+    pub fn axis(&self, frame: usize) -> ([f32; 3], [f32; 3]) {
+        match &self.steps[frame].before {
+            Before::Upright { origin } => (*origin, UPRIGHT[2]),
+            Before::Still { axes, origin } => (*origin, axes[2]),
+            Before::On { origin, turn, .. } => {
+                let direction = match turn {
+                    Turn::Not => UPRIGHT[2],
+                    Turn::Quarter => UPRIGHT[1],
+                    Turn::AboutX { cosine, sine } => [0.0, -sine, *cosine],
+                    Turn::Any(columns) => columns[2],
+                };
+                (*origin, direction)
             }
         }
+    }
+
+    /// Places all frames at eight configurations `q[joint][lane]` in `out`, which is cleared first.
+    #[inline(always)]
+    pub fn place<F: Float8>(&self, q: &[[f32; 8]], out: &mut Frames8<F>) {
+        out.clear();
+        // The frame of the step before, which most stand on, stays in registers.
+        let zero = [F::splat(0.0); 3];
+        let mut last = Frame8 { axes: [zero; 3], origin: zero };
         for (index, step) in self.steps.iter().enumerate() {
-            // In place, since a frame is too large to be handed around.
-            let (done, rest) = out.split_at_mut(index);
-            let Some(frame) = rest.first_mut() else { return };
-            let (sine, cosine) = (frame.axes[0][0], frame.axes[0][1]);
-            let (x, y, z): (V3<F>, V3<F>, V3<F>);
-            match &step.before {
-                Before::Still { axes, origin } => {
-                    (x, y, z) = (splat3(&axes[0]), splat3(&axes[1]), splat3(&axes[2]));
-                    frame.origin = splat3(origin);
-                }
-                Before::On { parent, origin, turn } => {
-                    let under = &done[*parent];
-                    [x, y, z] = turned(&under.axes, turn);
-                    let o = splat3::<F>(origin);
-                    for k in 0..3 {
-                        let near = under.axes[0][k].mul_add(o[0], under.origin[k]);
-                        frame.origin[k] =
-                            under.axes[2][k].mul_add(o[2], under.axes[1][k].mul_add(o[1], near));
+            let value = F::load(&q[step.joint]).mul_add(F::splat(step.multiplier), F::splat(step.shift));
+            let motion = if step.slides { Motion::Along(value) } else { Motion::turn(value) };
+            last = match (&step.before, motion) {
+                (Before::Upright { origin }, Motion::About { sine, cosine }) => {
+                    let none = F::splat(0.0);
+                    Frame8 {
+                        axes: [[cosine, sine, none], [-sine, cosine, none], splat3(&UPRIGHT[2])],
+                        origin: splat3(origin),
                     }
                 }
-            }
-            if step.slides {
-                frame.origin = scale3(&frame.origin, &z, sine);
-                frame.axes = [x, y, z];
-                continue;
-            }
-            for k in 0..3 {
-                frame.axes[0][k] = y[k].mul_add(sine, x[k] * cosine);
-                frame.axes[1][k] = x[k].neg_mul_add(sine, y[k] * cosine);
-                frame.axes[2][k] = z[k];
-            }
+                (Before::Upright { origin }, _) => still(&UPRIGHT, origin).moved(motion),
+                (Before::Still { axes, origin }, _) => still(axes, origin).moved(motion),
+                (Before::On { parent, origin, turn }, _) if parent + 1 == index => {
+                    last.follow(origin, turn, motion)
+                }
+                (Before::On { parent, origin, turn }, _) => out[*parent].follow(origin, turn, motion),
+            };
+            out.push(last);
         }
     }
 }
 
-/// `axes` turned by `turn`.
+/// What a joint does at its value, in lanes.
+#[derive(Clone, Copy)]
+enum Motion<F> {
+    /// It turns about z.
+    About { sine: F, cosine: F },
+    /// It slides along z (m).
+    Along(F),
+}
+
+impl<F: Float8> Motion<F> {
+    #[inline(always)]
+    fn turn(angle: F) -> Self {
+        let (sine, cosine) = sin_cos(angle);
+        Self::About { sine, cosine }
+    }
+}
+
+/// A frame that stands still.
 #[inline(always)]
-fn turned<F: Float8>(axes: &[V3<F>; 3], turn: &Turn) -> [V3<F>; 3] {
-    let [x, y, z] = *axes;
-    match turn {
-        Turn::AboutX { cosine, sine } => {
-            let (c, s) = (F::splat(*cosine), F::splat(*sine));
-            let mut out = [x, y, z];
-            for k in 0..3 {
-                out[1][k] = z[k].mul_add(s, y[k] * c);
-                out[2][k] = y[k].neg_mul_add(s, z[k] * c);
+fn still<F: Float8>(axes: &[[f32; 3]; 3], origin: &[f32; 3]) -> Frame8<F> {
+    Frame8 { axes: [splat3(&axes[0]), splat3(&axes[1]), splat3(&axes[2])], origin: splat3(origin) }
+}
+
+impl<F: Float8> Frame8<F> {
+    /// The frame that stands on this one at `origin`, turned by `turn`, once its joint has moved.
+    #[inline(always)]
+    fn follow(&self, origin: &[f32; 3], turn: &Turn, motion: Motion<F>) -> Self {
+        let origin = column_sum(&self.origin, &self.axes, origin);
+        let [x, y, z] = self.axes;
+        match (turn, motion) {
+            (Turn::Not, _) => Self { axes: [x, y, z], origin }.moved(motion),
+            (Turn::Quarter, Motion::About { sine, cosine }) => {
+                // y goes to -z and z to y, then both x and y turn about that.
+                let back = -cosine;
+                let mut axes = [x, z, y];
+                for k in 0..3 {
+                    axes[0][k] = z[k].neg_mul_add(sine, x[k] * cosine);
+                    axes[1][k] = x[k].neg_mul_add(sine, z[k] * back);
+                }
+                Self { axes, origin }
             }
-            out
+            (Turn::Quarter, _) => Self { axes: [x, [-z[0], -z[1], -z[2]], y], origin }.moved(motion),
+            (Turn::AboutX { cosine, sine }, _) => {
+                let (c, s) = (F::splat(*cosine), F::splat(*sine));
+                let mut axes = [x, y, z];
+                for k in 0..3 {
+                    axes[1][k] = z[k].mul_add(s, y[k] * c);
+                    axes[2][k] = y[k].neg_mul_add(s, z[k] * c);
+                }
+                Self { axes, origin }.moved(motion)
+            }
+            (Turn::Any(columns), _) => {
+                let zero = splat3(&[0.0; 3]);
+                let axes = [
+                    column_sum(&zero, &self.axes, &columns[0]),
+                    column_sum(&zero, &self.axes, &columns[1]),
+                    column_sum(&zero, &self.axes, &columns[2]),
+                ];
+                Self { axes, origin }.moved(motion)
+            }
         }
-        Turn::Any(columns) => {
-            let zero = splat3(&[0.0; 3]);
-            [
-                column_sum(&zero, axes, &columns[0]),
-                column_sum(&zero, axes, &columns[1]),
-                column_sum(&zero, axes, &columns[2]),
-            ]
+    }
+
+    /// The frame once its joint has moved.
+    #[inline(always)]
+    fn moved(self, motion: Motion<F>) -> Self {
+        let [x, y, z] = self.axes;
+        match motion {
+            Motion::Along(way) => Self { origin: scale3(&self.origin, &z, way), ..self },
+            Motion::About { sine, cosine } => {
+                let mut axes = [x, y, z];
+                for k in 0..3 {
+                    axes[0][k] = y[k].mul_add(sine, x[k] * cosine);
+                    axes[1][k] = x[k].neg_mul_add(sine, y[k] * cosine);
+                }
+                Self { axes, ..self }
+            }
         }
     }
 }
 
 /// A rotation that takes z to `z`, about x alone where that is possible; with `plain` also as the
-/// turn that [`turned`] makes.
+/// turn that [`Frame8::follow`] makes.
 fn frame_with_z(z: &Vec3, plain: bool) -> (UnitQuaternion<f64>, Turn) {
     let about_x = |angle: f64| UnitQuaternion::from_axis_angle(&Vec3::x_axis(), angle);
     if plain && z.x.abs() < ZERO {
         if z.y.abs() < ZERO && z.z > 0.0 {
-            return (UnitQuaternion::identity(), Turn::AboutX { cosine: 1.0, sine: 0.0 });
+            return (UnitQuaternion::identity(), Turn::Not);
         }
         if z.z.abs() < ZERO {
             let quarter = std::f64::consts::FRAC_PI_2;
@@ -233,7 +294,7 @@ fn frame_with_z(z: &Vec3, plain: bool) -> (UnitQuaternion<f64>, Turn) {
             return if z.y < 0.0 {
                 (about_x(quarter), Turn::AboutX { cosine: 0.0, sine: 1.0 })
             } else {
-                (about_x(-quarter), Turn::AboutX { cosine: 0.0, sine: -1.0 })
+                (about_x(-quarter), Turn::Quarter)
             };
         }
         let angle = (-z.y).atan2(z.z);
@@ -298,7 +359,7 @@ mod tests {
 
         #[inline(always)]
         fn run<F: Float8>(self) -> Self::Output {
-            let mut frames = vec![Frame8::<F>::zero(); self.0.len()];
+            let mut frames = Frames8::<F>::new();
             self.0.place(self.1, &mut frames);
             let numbers = |v: &V3<F>| [v[0].store(), v[1].store(), v[2].store()];
             frames.iter().map(|f| (f.axes.map(|axis| numbers(&axis)), numbers(&f.origin))).collect()

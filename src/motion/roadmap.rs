@@ -1,6 +1,8 @@
 //! One arm's roadmap: free configurations and straight edges between neighbours (PRM*, Karaman
 //! and Frazzoli 2011), validated lazily against the static workcell and remembered.
 
+mod stored;
+
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU8, Ordering};
 

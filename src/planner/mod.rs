@@ -2,11 +2,14 @@
 
 mod cache;
 mod event;
+mod folder;
 mod pipeline;
 
 pub use cache::PlannerCache;
 pub use event::{Outcome, PlannerEvent, Termination};
 pub use pipeline::{improve_with, plan, plan_with};
 
+#[cfg(test)]
+mod folder_tests;
 #[cfg(test)]
 mod tests;

@@ -113,7 +113,9 @@ fn run(
         run.lock(|board| run.check_goals(board, *duration_s, *steps));
     }
     run.search_with(problem.options.threads.max(1), contacts, seed);
-    run.outcome()
+    let outcome = run.outcome();
+    cache.keep(problem, &compiled);
+    outcome
 }
 
 /// What the optimistic graph proves about every synchronised plan.

@@ -15,7 +15,7 @@ use crate::transition::SampledReach;
 use crate::verify::verify;
 use crate::wire::{LibraryOnly, ReadLimits, read_problem_value};
 
-fn random_2x2(seed: u64) -> Problem {
+pub(super) fn random_2x2(seed: u64) -> Problem {
     let document = generate(Family::Random, 2, 2, seed).unwrap();
     let mut problem = read_problem_value(&document, &LibraryOnly, &ReadLimits::default()).unwrap().problem;
     problem.options.max_iterations = Some(40);
@@ -24,7 +24,7 @@ fn random_2x2(seed: u64) -> Problem {
 }
 
 /// All incumbents of a run, but for when they were found.
-fn plans(cache: &PlannerCache, problem: &Problem) -> Vec<String> {
+pub(super) fn plans(cache: &PlannerCache, problem: &Problem) -> Vec<String> {
     let mut plans = Vec::new();
     let mut observe = |event: PlannerEvent<'_>| {
         if let PlannerEvent::Incumbent(found) = event {

@@ -1,12 +1,14 @@
 //! What a run is given from outside: its deadline, its cancellation, its seed, and a place to say where
-//! its time went.
+//! its time went; and how a file is marked as used.
 //!
 //! The only room of the core that may look at a clock.
 
 mod control;
 mod seed;
 mod spent;
+mod touch;
 
 pub use control::{CancelToken, Control, Deadline};
 pub use seed::{Rng, Seed};
 pub use spent::{Part, Spent};
+pub use touch::touch;

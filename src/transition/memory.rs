@@ -3,6 +3,8 @@
 //! Answers depend on the question alone, so that it makes no difference to a run whether an answer
 //! was known before: it is only sooner there.
 
+mod stored;
+
 use std::collections::BTreeMap;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 

@@ -101,6 +101,9 @@ fn introduction(results: &Results) -> String {
     let workcell = match setup.workcell {
         WorkcellAge::New => "nothing known of the workcell before a run",
         WorkcellAge::Known => "another arrangement of the same workcell planned before each run",
+        WorkcellAge::Stored => {
+            "another arrangement of the same workcell planned before, by a process that left a file"
+        }
     };
     let mut text = format!(
         "<p>{} ({} processors{memory}, {}), Quadrille {}, {}.<br>\n\

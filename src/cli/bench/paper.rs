@@ -35,8 +35,11 @@ pub(in crate::cli) struct Arguments {
     /// Planner threads
     #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u64).range(1..=64))]
     threads: u64,
+    /// Folder of compiled workcells, for `--workcell stored`
+    #[arg(long, env = "QUADRILLE_CACHE_DIR")]
+    cache_dir: Option<PathBuf>,
     /// Whether another arrangement of the same workcell is planned before each run
-    #[arg(long, value_enum, default_value = "new")]
+    #[arg(long, value_enum, default_value = "new", requires_if("stored", "cache_dir"))]
     workcell: Workcell,
     /// End each run at its first plan
     #[arg(long)]
@@ -55,6 +58,8 @@ enum Workcell {
     New,
     /// It has been planned in before
     Known,
+    /// It has been planned in before, and is read from the folder
+    Stored,
 }
 
 pub(super) fn run(arguments: &Arguments) -> Result<Answer, CliError> {
@@ -120,8 +125,10 @@ fn suite(arguments: &Arguments) -> Result<Suite, CliError> {
             workcell: match arguments.workcell {
                 Workcell::New => WorkcellAge::New,
                 Workcell::Known => WorkcellAge::Known,
+                Workcell::Stored => WorkcellAge::Stored,
             },
             first_solution: arguments.first_solution,
+            cache_dir: arguments.cache_dir.clone(),
         },
     })
 }

@@ -6,6 +6,7 @@ use smallvec::SmallVec;
 use super::core::{LaneCapsule, LaneCore, LaneStatic, StaticBlock};
 use super::impossible::NeverTouch;
 use super::limb::{Ball, Enclosure};
+use super::safe::{SafeRange, SafeValues, rounded, strike_own_turns};
 use crate::collision::arm_bodies::{ArmBodies, Levers, link_reach};
 use crate::collision::atom::{Atom, Core};
 use crate::collision::world::WorldAtom;
@@ -66,6 +67,8 @@ pub(super) struct Limb {
 pub(super) struct SelfGroup {
     /// The limbs, where they can be apart, and how joints move them against each other.
     pub(super) limbs: Option<(usize, usize, Row)>,
+    /// Where one joint alone decides about all pairs, values of it at which none can touch.
+    pub(super) safe: Option<SafeRange>,
     pub(super) pairs: Vec<SelfPair>,
 }
 
@@ -158,25 +161,24 @@ impl LaneArm {
         near.sort_by_key(|(_, limbs)| !limbs.contains(&true));
         let near = near.chunks(8).map(|chunk| NearBlock::new(chunk, obstacles.1, laid.len())).collect();
         let limbs: Vec<Limb> = laid.into_iter().map(|(limb, _)| limb).collect();
-        let turns: Vec<bool> = (0..arm.model.dof()).map(|joint| turns(arm, joint)).collect();
         let several: Vec<bool> = (0..arm.model.dof())
             .map(|joint| (0..frames.len()).filter(|&frame| frames.drive(frame).0 == joint).count() > 1)
             .collect();
-        let never = |a: &LaneAtom, b: &LaneAtom| {
-            let (margin, limits) = (clearance as f32, arm.limits.as_slice());
-            let levers = relative(&a.levers, &b.levers, &several);
-            set.run(NeverTouch {
-                frames: &frames,
-                pair: (a, b),
-                levers: &levers,
-                limits,
-                turns: &turns,
-                margin,
-            })
-        };
         let self_groups = match twin {
             Some(twin) => twin.self_groups.clone(),
-            None => self_groups(bodies, (&atoms, &limbs), &several, &never),
+            None => {
+                let clearance = clearance as f32;
+                Selves {
+                    arm,
+                    frames: &frames,
+                    atoms: &atoms,
+                    limbs: &limbs,
+                    several: &several,
+                    clearance,
+                    set,
+                }
+                .groups(&bodies.self_pairs)
+            }
         };
         let (mount, pose) = frames.rider(arm.model.mount);
         let mount = (mount, *pose);
@@ -236,40 +238,94 @@ impl Extent {
     }
 }
 
-/// Pairs that are checked, by the limbs in which they lie.
-fn self_groups(
-    bodies: &ArmBodies,
-    (atoms, limbs): (&[LaneAtom], &[Limb]),
-    several: &[bool],
-    never: &dyn Fn(&LaneAtom, &LaneAtom) -> bool,
-) -> Vec<SelfGroup> {
-    let limb_of = |atom: usize| limbs.iter().position(|limb| limb.atoms.contains(&(atom as u16)));
-    let mut groups = std::collections::BTreeMap::<_, Vec<SelfPair>>::new();
-    for &(a, b) in &bodies.self_pairs {
-        // What nothing moves against each other was looked at when the problem was read.
-        let levers = relative(&atoms[a].levers, &atoms[b].levers, several);
-        if levers.iter().all(|lever| *lever == UNMOVED) {
-            continue;
-        }
-        if never(&atoms[a], &atoms[b]) {
-            continue;
-        }
-        let key = (limb_of(a), limb_of(b));
-        groups.entry(key).or_default().push(SelfPair { a: a as u16, b: b as u16, levers });
-    }
-    groups
-        .into_iter()
-        .map(|((first, second), pairs)| {
-            // Neighbours always touch; to look at them as a whole is a waste.
-            let limbs = match (first, second) {
-                (Some(x), Some(y)) if x.abs_diff(y) > 1 && pairs.len() > 1 => {
-                    Some((x, y, relative(&limbs[x].levers, &limbs[y].levers, several)))
-                }
-                _ => None,
+/// Sorts out which of an arm's atoms are checked against each other.
+struct Selves<'a> {
+    arm: &'a Arm,
+    frames: &'a MovingFrames,
+    atoms: &'a [LaneAtom],
+    limbs: &'a [Limb],
+    several: &'a [bool],
+    clearance: f32,
+    set: InstructionSet,
+}
+
+impl Selves<'_> {
+    /// Those of `pairs` that can touch, by the limbs in which they lie and, where there is one, the
+    /// only joint that decides.
+    fn groups(&self, pairs: &[(usize, usize)]) -> Vec<SelfGroup> {
+        let turns: Vec<bool> = (0..self.arm.model.dof()).map(|joint| turns(self.arm, joint)).collect();
+        let limb_of = |atom: usize| self.limbs.iter().position(|limb| limb.atoms.contains(&(atom as u16)));
+        let round: Vec<Option<LaneAtom>> = self.atoms.iter().map(|atom| rounded(atom, self.frames)).collect();
+        let mut groups = std::collections::BTreeMap::<_, (Vec<SelfPair>, Vec<Turning<'_>>)>::new();
+        for &(first, second) in pairs {
+            let pair = (&self.atoms[first], &self.atoms[second]);
+            // What nothing moves against each other was looked at when the problem was read.
+            let mut levers = relative(&pair.0.levers, &pair.1.levers, self.several);
+            if levers.iter().all(|lever| *lever == UNMOVED) {
+                continue;
+            }
+            let cores = Turning::new(self, pair, &levers);
+            let (limits, margin) = (self.arm.limits.as_slice(), self.clearance);
+            let (frames, of_cores) = (self.frames, &cores.levers);
+            if self.set.run(NeverTouch { frames, pair, levers: of_cores, limits, turns: &turns, margin }) {
+                continue;
+            }
+            strike_own_turns(self.frames, pair, self.several, |atom| atom.exact, &mut levers);
+            // Boxes that turn about the axis of a joint may be rounded to find that it does not matter.
+            let rough = [first, second].map(|atom| round[atom].as_ref().unwrap_or(&self.atoms[atom]));
+            let rough = Turning::new(self, rough.into(), &levers);
+            let (joint, turning) = match (cores.only_joint(self), rough.only_joint(self)) {
+                (None, Some(joint)) => (Some((joint, true)), rough),
+                (joint, _) => (joint.map(|joint| (joint, false)), cores),
             };
-            SelfGroup { limbs, pairs }
-        })
-        .collect()
+            let group = groups.entry((limb_of(first), limb_of(second), joint)).or_default();
+            group.0.push(SelfPair { a: first as u16, b: second as u16, levers });
+            group.1.push(turning);
+        }
+        groups
+            .into_iter()
+            .map(|((first, second, joint), (pairs, turning))| {
+                // Neighbours always touch; to look at them as a whole is a waste.
+                let limbs = match (first, second) {
+                    (Some(x), Some(y)) if x.abs_diff(y) > 1 && pairs.len() > 1 => {
+                        Some((x, y, relative(&self.limbs[x].levers, &self.limbs[y].levers, self.several)))
+                    }
+                    _ => None,
+                };
+                let safe = joint.and_then(|(joint, _)| self.safe(joint, &turning));
+                SelfGroup { limbs, safe, pairs }
+            })
+            .collect()
+    }
+
+    /// Values of `joint`, which alone decides about `pairs`, at which none of them can touch.
+    fn safe(&self, joint: usize, pairs: &[Turning<'_>]) -> Option<SafeRange> {
+        let pairs: Vec<_> = pairs.iter().map(|t| (t.pair.0, t.pair.1, t.levers[joint])).collect();
+        let limits = &self.arm.limits;
+        self.set.run(SafeValues { frames: self.frames, pairs: &pairs, joint, limits, margin: self.clearance })
+    }
+}
+
+/// Two atoms, and how joints move their cores against each other, turns of a capsule about itself
+/// left out.
+struct Turning<'a> {
+    pair: (&'a LaneAtom, &'a LaneAtom),
+    levers: Row,
+}
+
+impl<'a> Turning<'a> {
+    fn new(selves: &Selves<'_>, pair: (&'a LaneAtom, &'a LaneAtom), levers: &Row) -> Self {
+        let mut levers = levers.clone();
+        strike_own_turns(selves.frames, pair, selves.several, |_| true, &mut levers);
+        Self { pair, levers }
+    }
+
+    /// The joint that alone moves them, where there is but one, which drives one frame alone.
+    fn only_joint(&self, selves: &Selves<'_>) -> Option<usize> {
+        let mut moving = (0..self.levers.len()).filter(|&joint| self.levers[joint] != UNMOVED);
+        let only = moving.next()?;
+        (moving.next().is_none() && !selves.several[only]).then_some(only)
+    }
 }
 
 /// Lays limbs around an arm's atoms.

@@ -35,12 +35,12 @@ pub(super) fn with_world<F: Float8>(
     world: &CollisionWorld,
     mover: &Mover<'_>,
     around: &Resting,
-    at: &PlacedArm<F>,
+    limbs: &[PlacedLimb<F>],
     active: Bits8,
     out: &mut Candidates,
 ) {
     let margin = F::splat(world.margin);
-    for (index, limb) in at.limbs().iter().enumerate() {
+    for (index, limb) in limbs.iter().enumerate() {
         let (hull, need) = (limb.hull(world.margin), limb.need + margin);
         for block in &mover.lanes.arm.near {
             // A held object may get to all of them, an arm's limb not to what comes after this.
@@ -107,21 +107,27 @@ fn push_world(
 pub(super) fn with_itself<F: Float8>(
     world: &CollisionWorld,
     mover: &Mover<'_>,
-    at: &PlacedArm<F>,
+    (at, limbs): (&PlacedArm<F>, &[PlacedLimb<F>]),
     active: Bits8,
     out: &mut Candidates,
 ) {
-    let (arm, limbs, frames) = (mover.lanes.arm, at.limbs(), at.frames());
+    let (arm, frames) = (mover.lanes.arm, at.frames());
     // Pairs come sorted by their first atom.
     let mut last = None;
     let mut ours = Segment8::with_length([F::splat(0.0); 3], [F::splat(0.0); 3], 0.0);
     for group in &arm.self_groups {
         let mut lanes = active;
+        if let Some(range) = &group.safe {
+            lanes &= !range.holds(at);
+            if lanes == 0 {
+                continue;
+            }
+        }
         if let Some((x, y, levers)) = &group.limbs {
             let radii = arm.limbs[*x].capsule.radius + arm.limbs[*y].capsule.radius;
             let mut need = F::splat(radii + world.margin);
             if !at.still {
-                need = need + motion_bound(levers, &at.deviations);
+                need = need + motion_bound(levers, &at.samples.deviations);
             }
             let squared = segment_segment_squared(&limbs[*x].axis(), &limbs[*y].axis());
             lanes &= F::bits(squared.less(need * need));
@@ -134,7 +140,7 @@ pub(super) fn with_itself<F: Float8>(
                 }
                 let mut need = F::splat(a.hull.radius + b.hull.radius + world.margin);
                 if !at.still {
-                    need = need + motion_bound(&pair.levers, &at.deviations);
+                    need = need + motion_bound(&pair.levers, &at.samples.deviations);
                 }
                 let theirs = b.hull.place(b.frame.map(|frame| &frames[frame]));
                 let near = F::bits(segment_segment_squared(&ours, &theirs).less(need * need)) & lanes;
@@ -148,11 +154,11 @@ pub(super) fn with_itself<F: Float8>(
     let Some(held_at) = limbs.get(arm.limbs.len()) else { return };
     for (limb, placed) in arm.limbs.iter().zip(limbs) {
         let mut bound = F::splat(limb.capsule.radius + held.limb.capsule.radius + world.margin);
-        for (joint, deviation) in at.deviations.iter().enumerate() {
+        for (joint, deviation) in at.samples.deviations.iter().enumerate() {
             let (x, y) = (limb.levers[joint], held.limb.levers[joint]);
             let lever = relative_lever(x, y, arm.several[joint]);
             if lever != UNMOVED {
-                bound = F::splat(lever).mul_add(*deviation, bound);
+                bound = F::splat(lever).mul_add(F::load(deviation), bound);
             }
         }
         let squared = segment_segment_squared(&placed.axis(), &held_at.axis());

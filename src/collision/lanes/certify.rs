@@ -4,9 +4,8 @@ use smallvec::SmallVec;
 
 use super::broad::{self, Candidate, Candidates};
 use super::exact::Exact;
-use super::mover::Samples;
 use super::narrow::{Scenery, look};
-use super::place::PlacedArm;
+use super::place::{Limbs, PlacedArm};
 use crate::collision::certify::{JointMotion, Stations};
 use crate::collision::world::{CollisionWorld, Mover, Resting};
 use crate::geometry::lanes::{Bits8, Float8, Kernel};
@@ -48,17 +47,18 @@ impl Kernel for Configurations<'_> {
         let scenery = Scenery { world, first: mover, second: None, resting: &self.around.lanes };
         let stations = Stations(self.configs);
         let mut exact = Exact::new(world, (mover, &stations), None, &self.around.atoms);
-        let mut samples = Samples::default();
-        let mut at = PlacedArm::<F>::room_for(&mover.lanes);
+        let (mut at, mut limbs) = (PlacedArm::<F>::new(), Limbs::new());
         let mut candidates = Candidates::new();
         let mut free = Answers::new();
         for (batch, configs) in self.configs.chunks(8).enumerate() {
-            stations.sample_batch(8 * batch, &mut samples);
-            at.place(&mover.lanes, &samples, true, true);
+            stations.sample_batch(8 * batch, &mut at.samples);
+            at.place(&mover.lanes, true);
+            limbs.clear();
+            at.place_limbs(&mover.lanes, &mut limbs);
             let active = Bits8::MAX >> (8 - configs.len());
             candidates.clear();
-            broad::with_world(world, mover, self.around, &at, active, &mut candidates);
-            broad::with_itself(world, mover, &at, active, &mut candidates);
+            broad::with_world(world, mover, self.around, &limbs, active, &mut candidates);
+            broad::with_itself(world, mover, (&at, &limbs), active, &mut candidates);
             let middles = std::array::from_fn(|lane| (8 * batch + lane) as f64);
             let mut blocked: Bits8 = 0;
             for candidate in &mut candidates {
@@ -80,8 +80,7 @@ impl Kernel for Motions<'_, '_> {
     fn run<F: Float8>(self) -> Answers {
         let (world, mover) = (self.world, self.mover);
         let scenery = Scenery { world, first: mover, second: None, resting: &self.around.lanes };
-        let mut samples = Samples::default();
-        let mut at = PlacedArm::<F>::room_for(&mover.lanes);
+        let (mut at, mut limbs) = (PlacedArm::<F>::new(), Limbs::new());
         let mut work = Work::new();
         let mut free = Answers::from_elem(false, self.motions.len());
         for (motion, free) in self.motions.iter().zip(&mut free) {
@@ -91,12 +90,14 @@ impl Kernel for Motions<'_, '_> {
             work.begin(&pieces[..count]);
             let mut blocked = false;
             while let Some(job) = work.next() {
-                let all = job.open.is_none();
-                motion.sample(&job.pieces, &mut samples);
-                at.place(&mover.lanes, &samples, all, still);
-                if all {
-                    broad::with_world(world, mover, self.around, &at, job.active, &mut work.candidates);
-                    broad::with_itself(world, mover, &at, job.active, &mut work.candidates);
+                motion.sample(&job.pieces, &mut at.samples);
+                at.place(&mover.lanes, still);
+                if job.open.is_none() {
+                    limbs.clear();
+                    at.place_limbs(&mover.lanes, &mut limbs);
+                    let found = &mut work.candidates;
+                    broad::with_world(world, mover, self.around, &limbs, job.active, found);
+                    broad::with_itself(world, mover, (&at, &limbs), job.active, found);
                 } else {
                     work.inherit(&job);
                 }
@@ -132,22 +133,23 @@ impl Kernel for Apart<'_> {
         let scenery = Scenery { world, first, second: Some(second), resting: &[] };
         let still = first.motion.stands_still() && second.motion.stands_still();
         let mut exact = Exact::new(world, (first, first.motion), Some((second, second.motion)), &[]);
-        let mut samples = Samples::default();
-        let mut at = PlacedArm::<F>::room_for(&first.lanes);
-        let mut other_at = PlacedArm::<F>::room_for(&second.lanes);
+        let (mut at, mut other_at) = (PlacedArm::<F>::new(), PlacedArm::<F>::new());
+        let (mut limbs, mut others) = (Limbs::new(), Limbs::new());
         let mut work = Work::new();
         work.begin(pieces);
         while let Some(job) = work.next() {
-            let all = job.open.is_none();
-            first.motion.sample(&job.pieces, &mut samples);
-            at.place(&first.lanes, &samples, all, still);
-            second.motion.sample(&job.pieces, &mut samples);
-            other_at.place(&second.lanes, &samples, all, still);
-            if all {
-                let (boxes, others) = ((&at.low, &at.high), (&other_at.low, &other_at.high));
-                let among = broad::boxes_meet(world, boxes, others, job.active);
-                let limbs = (at.limbs(), other_at.limbs());
-                let placed = (limbs, boxes, others);
+            first.motion.sample(&job.pieces, &mut at.samples);
+            at.place(&first.lanes, still);
+            second.motion.sample(&job.pieces, &mut other_at.samples);
+            other_at.place(&second.lanes, still);
+            if job.open.is_none() {
+                limbs.clear();
+                at.place_limbs(&first.lanes, &mut limbs);
+                others.clear();
+                other_at.place_limbs(&second.lanes, &mut others);
+                let (boxes, other_boxes) = ((&at.low, &at.high), (&other_at.low, &other_at.high));
+                let among = broad::boxes_meet(world, boxes, other_boxes, job.active);
+                let placed = ((&limbs[..], &others[..]), boxes, other_boxes);
                 broad::between_arms(world, (first, second), placed, among, &mut work.candidates);
             } else {
                 work.inherit(&job);

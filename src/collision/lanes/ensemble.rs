@@ -4,9 +4,8 @@ use smallvec::SmallVec;
 
 use super::broad::{self, Candidates};
 use super::exact::Exact;
-use super::mover::Samples;
 use super::narrow::{Scenery, look};
-use super::place::{PlacedArm, PlacedLimb};
+use super::place::{Limbs, PlacedArm};
 use crate::collision::world::{CollisionWorld, Mover};
 use crate::geometry::lanes::{Bits8, Float8, Kernel, V3};
 
@@ -52,18 +51,16 @@ impl Kernel for Ensemble<'_> {
         // Of each arm only what the coarse look needs is kept; the few that need a closer one are
         // placed again.
         let Some(most) = self.movers.iter().map(|mover| mover.lanes.limb_count()).max() else { return found };
-        let mut limbs: Vec<PlacedLimb<F>> = Vec::with_capacity(self.movers.len() * most);
+        let mut limbs: Limbs<F> = SmallVec::with_capacity(self.movers.len() * most);
         let mut arms: SmallVec<[Coarse<F>; 16]> = SmallVec::new();
-        let mut samples = Samples::default();
         let mut candidates = Candidates::new();
-        let Some(any) = self.movers.first() else { return found };
-        let mut at = PlacedArm::<F>::room_for(&any.lanes);
+        let mut at = PlacedArm::<F>::new();
         for mover in self.movers {
-            at.fit(&mover.lanes);
-            mover.motion.sample(&pieces, &mut samples);
-            at.place(&mover.lanes, &samples, true, false);
-            arms.push((limbs.len(), at.low, at.high));
-            limbs.extend_from_slice(at.limbs());
+            mover.motion.sample(&pieces, &mut at.samples);
+            at.place(&mover.lanes, false);
+            let first = limbs.len();
+            at.place_limbs(&mover.lanes, &mut limbs);
+            arms.push((first, at.low, at.high));
         }
         let limbs_of = |arm: usize| {
             let to = arms.get(arm + 1).map_or(limbs.len(), |next| next.0);
@@ -123,11 +120,11 @@ impl<F: Float8> Closer<F> {
         if let Some(known) = self.arms[number] {
             return known;
         }
-        let mut samples = Samples::default();
-        mover.motion.sample(pieces, &mut samples);
-        self.placed.push(PlacedArm::room_for(&mover.lanes));
-        let last = self.placed.len() - 1;
-        self.placed[last].place(&mover.lanes, &samples, false, false);
+        let last = self.placed.len();
+        self.placed.push(PlacedArm::new());
+        let at = &mut self.placed[last];
+        mover.motion.sample(pieces, &mut at.samples);
+        at.place(&mover.lanes, false);
         self.arms[number] = Some(last);
         last
     }

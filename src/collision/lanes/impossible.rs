@@ -8,7 +8,7 @@ use super::arm::{LaneAtom, Row, UNMOVED};
 use super::core::separation;
 use super::place::motion_bound;
 use crate::geometry::lanes::{Float8, Kernel};
-use crate::kinematics::{Frame8, JointLimits, MovingFrames};
+use crate::kinematics::{Frames8, JointLimits, MovingFrames};
 
 /// Boxes that are cut before a proof is given up.
 const GREATEST_CUTS: usize = 80;
@@ -65,7 +65,7 @@ impl Kernel for NeverTouch<'_> {
         let (a, b) = self.pair;
         let levers = self.levers;
         let Some(all) = self.all(levers) else { return false };
-        let mut frames = vec![Frame8::<F>::zero(); self.frames.len()];
+        let mut frames = Frames8::<F>::new();
         let mut open = vec![all];
         let mut cuts = 0;
         while let Some(values) = open.pop() {
@@ -86,14 +86,11 @@ impl Kernel for NeverTouch<'_> {
             }
             let mut half = values.half.clone();
             half[widest] = part * (1.0 + 1e-5);
-            let mut deviations: SmallVec<[F; 8]> = SmallVec::new();
-            for x in &half {
-                deviations.push(F::splat(*x));
-            }
+            let deviations: SmallVec<[[f32; 8]; 8]> = half.iter().map(|x| [*x; 8]).collect();
             self.frames.place(&q, &mut frames);
             let placed = (&a.core, a.frame.map(|frame| &frames[frame]));
             let apart = separation(placed, (&b.core, b.frame.map(|frame| &frames[frame])));
-            let bound = motion_bound(levers, &deviations) + F::splat(self.margin);
+            let bound = motion_bound::<F>(levers, &deviations) + F::splat(self.margin);
             if F::bits(apart.less(F::splat(self.margin))) != 0 {
                 return false;
             }

@@ -18,6 +18,7 @@ mod limb;
 mod mover;
 mod narrow;
 mod place;
+mod safe;
 mod tight;
 
 #[cfg(test)]

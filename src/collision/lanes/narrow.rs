@@ -53,7 +53,7 @@ pub(super) fn look<F: Float8>(
                 None => &scenery.resting[index - world.lane_obstacles.len()],
             };
             other = (fixed.core(), None);
-            bound = if at.0.still { still } else { motion_bound(&ours.levers, &at.0.deviations) };
+            bound = if at.0.still { still } else { motion_bound(&ours.levers, &at.0.samples.deviations) };
             both_exact = ours.exact && fixed.exact;
             both_boxes = box_a && fixed.is_box();
         }
@@ -62,11 +62,11 @@ pub(super) fn look<F: Float8>(
             other = (&theirs.core, theirs.frame.map(|frame| &at.0.frames()[frame]));
             let mut sum = still;
             if !at.0.still {
-                for (joint, deviation) in at.0.deviations.iter().enumerate() {
+                for (joint, deviation) in at.0.samples.deviations.iter().enumerate() {
                     let (x, y) = (ours.levers[joint], theirs.levers[joint]);
                     let lever = relative_lever(x, y, first.arm.several[joint]);
                     if lever != UNMOVED {
-                        sum = F::splat(lever).mul_add(*deviation, sum);
+                        sum = F::splat(lever).mul_add(F::load(deviation), sum);
                     }
                 }
             }
@@ -81,8 +81,8 @@ pub(super) fn look<F: Float8>(
             };
             let theirs = second.lanes.atom(b);
             other = (&theirs.core, theirs.frame.map(|frame| &other_at.frames()[frame]));
-            bound = motion_bound(&ours.levers, &at.0.deviations)
-                + motion_bound(&theirs.levers, &other_at.deviations);
+            bound = motion_bound::<F>(&ours.levers, &at.0.samples.deviations)
+                + motion_bound(&theirs.levers, &other_at.samples.deviations);
             far_other = Some((&second.lanes, theirs, other_at, b));
             both_exact = ours.exact && theirs.exact;
             both_boxes = box_a && matches!(theirs.core, LaneCore::Box { .. });

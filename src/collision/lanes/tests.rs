@@ -6,7 +6,7 @@ use crate::collision::reference;
 use crate::collision::{CollisionWorld, Exemption, Held, JointMotion, Scene, StraightMotion, Taking};
 use crate::geometry::lanes::InstructionSet;
 use crate::geometry::pose_from_parts;
-use crate::kinematics::Config;
+use crate::kinematics::{ArmModel, Config, NoMeshes};
 use crate::problem::{InitialPlacement, Problem};
 use crate::run::{Rng, Seed};
 use crate::wire::{Folder, ReadLimits, read_problem};
@@ -225,5 +225,59 @@ fn an_ensemble_is_free_where_all_its_pairs_are() {
             free += usize::from(found.is_none());
         }
         assert!(free > 20 && free < 380, "{free}");
+    }
+}
+
+/// A fork whose two fingers one joint turns towards each other.
+const FORK: &str = r#"<robot name="fork"><link name="base"/><link name="palm"/>
+    <link name="left"><collision><origin xyz="0 0 0.2"/><geometry><cylinder radius="0.02" length="0.3"/></geometry></collision></link>
+    <link name="right"><collision><origin xyz="0 0 0.2"/><geometry><cylinder radius="0.02" length="0.3"/></geometry></collision></link>
+    <joint name="a" type="revolute"><parent link="base"/><child link="palm"/><origin xyz="0 0 0.3"/><axis xyz="0 0 1"/>
+        <limit lower="-2" upper="2" velocity="1" effort="1"/></joint>
+    <joint name="b" type="revolute"><parent link="palm"/><child link="left"/><origin xyz="-0.06 0 0"/><axis xyz="0 1 0"/>
+        <limit lower="-1.2" upper="1.2" velocity="1" effort="1"/></joint>
+    <joint name="c" type="revolute"><parent link="palm"/><child link="right"/><origin xyz="0.06 0 0"/><axis xyz="0 1 0"/>
+        <mimic joint="b" multiplier="-1"/><limit lower="-1.2" upper="1.2" velocity="1" effort="1"/></joint></robot>"#;
+
+/// Links that one joint drives both are not carried as one: lanes and the exact certification know.
+#[test]
+fn links_that_share_a_joint_move_against_each_other() {
+    let mut problem = problem("in_place_swap/1x2");
+    let mut workcell = problem.workcell.as_ref().clone();
+    let arm = &mut workcell.arms[0];
+    let (model, _) =
+        ArmModel::from_urdf("fork", FORK, "left", &std::collections::BTreeMap::new(), &NoMeshes).unwrap();
+    arm.limits = model.joints.iter().map(|joint| joint.limits).collect();
+    arm.home = [0.0, -1.0].into_iter().collect();
+    arm.tool.shapes.clear();
+    let group = |name: &str| model.links.iter().find(|link| link.name == name).unwrap().group;
+    let neighbours = [("base", "palm"), ("palm", "left"), ("palm", "right")];
+    arm.exempt_groups = neighbours.map(|(a, b)| (group(a), group(b))).to_vec();
+    arm.hand_groups = vec![group("left")];
+    arm.model = std::sync::Arc::new(model);
+    problem.workcell = std::sync::Arc::new(workcell);
+    let (scene, none) = (Scene::default(), Exemption::default());
+    for set in sets() {
+        let world = CollisionWorld::with_instructions(&problem, set);
+        let exact =
+            |motion: &dyn JointMotion| reference::is_free(&world, &(ArmId(0), motion, None, none), &scene);
+        // The fingers cross at the end, and are far apart in the middle.
+        let closing = ([0.0, -1.0], [0.0, 0.3]);
+        assert!(!world.edge_free(ArmId(0), &closing.0, &closing.1, None, &scene, none));
+        assert!(!exact(&StraightMotion::new(&closing.0, &closing.1)));
+        let mut rng = Seed(26).stream("forks");
+        let mut certified = [0; 2];
+        for _ in 0..300 {
+            let mut q = || [rng.random_range(-2.0..2.0), rng.random_range(-1.2..1.0)];
+            let (from, to) = (q(), q());
+            let motion = StraightMotion::new(&from, &to);
+            let verdicts = [world.edge_free(ArmId(0), &from, &to, None, &scene, none), exact(&motion)];
+            let clear = (0..=40).all(|step| exact(&StraightMotion::rest(&motion.at(f64::from(step) / 40.0))));
+            for (verdict, count) in verdicts.into_iter().zip(&mut certified) {
+                assert!(clear || !verdict, "{from:?} {to:?}");
+                *count += usize::from(verdict);
+            }
+        }
+        assert!(certified.iter().all(|count| (30..270).contains(count)), "{certified:?}");
     }
 }

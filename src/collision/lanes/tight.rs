@@ -44,9 +44,9 @@ impl<F: Float8> Carriage<F> {
 
     /// Over the joint of one frame.
     #[inline(always)]
-    fn over(&mut self, frames: &MovingFrames, index: usize, frame: &Frame8<F>, deviations: &[F]) {
+    fn over(&mut self, frames: &MovingFrames, index: usize, at: &PlacedArm<F>) {
         let (joint, factor) = frames.drive(index);
-        let stray = deviations[joint] * F::splat(factor);
+        let (stray, frame) = (at.deviation(joint) * F::splat(factor), &at.frames()[index]);
         if frames.slides(index) {
             self.moved = self.moved + stray;
             return;
@@ -76,10 +76,9 @@ pub(super) fn motion<F: Float8>(
     on: Option<usize>,
 ) -> F {
     let mut carriage = Carriage::new(body);
-    let placed = at.frames();
     let mut next = on;
     while let Some(index) = next {
-        carriage.over(frames, index, &placed[index], &at.deviations);
+        carriage.over(frames, index, at);
         next = frames.parent(index);
     }
     carriage.moved * F::splat(ROUND_UP)
@@ -94,17 +93,16 @@ pub(super) fn relative_motion<F: Float8>(
     (b, on_b): (Carried<'_, F>, Option<usize>),
 ) -> F {
     let (mut first, mut second) = (Carriage::new(a), Carriage::new(b));
-    let placed = at.frames();
     let (mut x, mut y) = (on_a, on_b);
     // A frame stands on one with a lesser number, so the greater one is never an ancestor of the other.
     while x != y {
         if x > y {
             let Some(index) = x else { break };
-            first.over(frames, index, &placed[index], &at.deviations);
+            first.over(frames, index, at);
             x = frames.parent(index);
         } else {
             let Some(index) = y else { break };
-            second.over(frames, index, &placed[index], &at.deviations);
+            second.over(frames, index, at);
             y = frames.parent(index);
         }
     }

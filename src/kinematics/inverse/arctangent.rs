@@ -12,14 +12,15 @@ const MORE_BITS: f64 = 3.061_616_997_868_383e-17;
 /// The angle (rad) in [-pi, pi] of the vector (x, y), within 1e-15; 0 for the zero vector, NaN for NaN.
 ///
 /// The quotient is brought into [-0.21, 0.66], then Cephes' rational approximation.
-#[inline]
+#[inline(always)]
 pub(super) fn atan2(y: f64, x: f64) -> f64 {
     let (up, across) = (y.abs(), x.abs());
     let steep = up > across;
     let (short, long) = if steep { (across, up) } else { (up, across) };
     let far = short > MIDDLE * long;
     let (numerator, denominator) = if far { (short - long, short + long) } else { (short, long) };
-    let t = if denominator > 0.0 { numerator / denominator } else { numerator + denominator };
+    let quotient = numerator / denominator;
+    let t = if denominator > 0.0 { quotient } else { numerator + denominator };
     let z = t * t;
     let p = (((-0.875_060_860_003_190_4 * z - 16.157_537_187_333_65) * z - 75.008_557_923_147_05) * z
         - 122.886_668_449_013_62)
@@ -29,18 +30,17 @@ pub(super) fn atan2(y: f64, x: f64) -> f64 {
         + 485.390_399_635_913_7)
         * z
         + 194.550_657_148_261_4;
-    let mut angle = z * p / q * t + t;
-    if far {
-        angle += MORE_BITS;
-        angle += FRAC_PI_4;
-    }
-    if steep {
-        angle = FRAC_PI_2 - angle;
-    }
-    if x < 0.0 {
-        angle = PI - angle;
-    }
+    let near = z * p / q * t + t;
+    let angle = if far { near + MORE_BITS + FRAC_PI_4 } else { near };
+    let angle = if steep { FRAC_PI_2 - angle } else { angle };
+    let angle = if x < 0.0 { PI - angle } else { angle };
     if y < 0.0 { -angle } else { angle }
+}
+
+/// The angles (rad) of several vectors by [`atan2`], which goes faster side by side: it branches nowhere.
+#[inline]
+pub(super) fn atan2_each<const N: usize>(y: [f64; N], x: [f64; N]) -> [f64; N] {
+    std::array::from_fn(|i| atan2(y[i], x[i]))
 }
 
 #[cfg(test)]

@@ -3,7 +3,7 @@
 
 use nalgebra::{Matrix3, Rotation3, Unit};
 
-use super::arctangent::atan2;
+use super::arctangent::{atan2, atan2_each};
 use crate::geometry::Vec3;
 
 /// Below this sine of the middle angle the outer two angles are not told apart (the rotation is
@@ -54,18 +54,20 @@ impl AxisTriple {
         if sine < SINGULAR_SINE {
             let (s, c) = hold.sin_cos();
             let middle = atan2(c * m[(0, 2)] + s * m[(1, 2)], m[(2, 2)]);
-            return [[hold, middle - self.shift, third(m, c, s)]; 2];
+            let (y, x) = third(m, c, s);
+            return [[hold, middle - self.shift, atan2(y, x)]; 2];
         }
         let (c, s) = (m[(0, 2)] / sine, m[(1, 2)] / sine);
-        let (first, middle, third) = (atan2(s, c), atan2(sine, m[(2, 2)]), third(m, c, s));
+        let (y, x) = third(m, c, s);
+        let [first, middle, third, _] = atan2_each([s, sine, y, 0.0], [c, m[(2, 2)], x, 1.0]);
         [[first, middle - self.shift, third], [opposite(first), -middle - self.shift, opposite(third)]]
     }
 }
 
-/// The third angle, from what the first (cosine `c`, sine `s`) leaves over: exact near the
-/// singularity, too.
-fn third(m: &Matrix3<f64>, c: f64, s: f64) -> f64 {
-    atan2(c * m[(1, 0)] - s * m[(0, 0)], c * m[(1, 1)] - s * m[(0, 1)])
+/// Sine and cosine of the third angle, from what the first (cosine `c`, sine `s`) leaves over: exact
+/// near the singularity, too.
+fn third(m: &Matrix3<f64>, c: f64, s: f64) -> (f64, f64) {
+    (c * m[(1, 0)] - s * m[(0, 0)], c * m[(1, 1)] - s * m[(0, 1)])
 }
 
 /// Half a turn on, kept within a turn about 0.

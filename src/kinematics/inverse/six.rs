@@ -162,18 +162,19 @@ impl SixAxes {
             }
             let sixth = turn_onto(&last, &from, &to).unwrap_or_else(|| Turn::by(hold[5]));
             let fifth = turn_onto(&self.axes[4], &sixth.apply(&last, &from), &common).unwrap_or(fifth);
-            // What joints 2 to 4 have to do: x -> planar x + offset.
-            let planar = rest * (fifth.about(&self.axes[4]) * sixth.about(&last)).transpose();
+            // What joints 2 to 4 have to do to a direction.
+            let (fifth_back, sixth_back) = (fifth.back(), sixth.back());
+            let planar = |v: &Vec3| rest * sixth_back.apply(&last, &fifth_back.apply(&self.axes[4], v));
             let wrist = &self.points[3];
-            let Some(total) = turn_onto(&common, &side, &(planar * side)) else { continue };
-            let goal = planar * (wrist - meeting) + rest * meeting + shift;
+            let Some(total) = turn_onto(&common, &side, &planar(&side)) else { continue };
+            let goal = planar(&(wrist - meeting)) + rest * meeting + shift;
             let bends = self.bend(wrist, &goal, hold);
             if bends == [None, None] {
                 continue;
             }
-            let (fifth, sixth, total) = (fifth.angle(), sixth.angle(), total.angle());
+            let [fifth, sixth, total, _] = Turn::angles([fifth, sixth, total, total]);
             for [second, third] in bends.into_iter().flatten() {
-                let (second, third) = (second.angle(), third.angle());
+                let [second, third] = Turn::angles([second, third]);
                 let fourth = sign4 * (total - second - sign3 * third);
                 out.push([first, second, third, fourth, fifth, sixth]);
             }

@@ -3,7 +3,7 @@
 use nalgebra::Matrix3;
 use smallvec::SmallVec;
 
-use super::arctangent::atan2;
+use super::arctangent::{atan2, atan2_each};
 use crate::geometry::Vec3;
 
 /// A turn by its cosine and sine, which most uses ask for rather than the angle.
@@ -31,6 +31,11 @@ impl Turn {
     /// Its angle (rad) in [-pi, pi].
     pub fn angle(self) -> f64 {
         atan2(self.sine, self.cosine)
+    }
+
+    /// The angles (rad) of several turns.
+    pub fn angles<const N: usize>(turns: [Self; N]) -> [f64; N] {
+        atan2_each(turns.map(|turn| turn.sine), turns.map(|turn| turn.cosine))
     }
 
     /// The same the other way round.

@@ -7,7 +7,7 @@ use rand::Rng as _;
 use super::{limits, model, random_config};
 use crate::geometry::Pose;
 use crate::geometry::lanes::{Float8, InstructionSet, Kernel};
-use crate::kinematics::{ArmModel, Config, Frame8, MovingFrames};
+use crate::kinematics::{ArmModel, Config, Frames8, MovingFrames};
 use crate::run::Rng;
 
 /// Batches of eight.
@@ -19,7 +19,7 @@ impl Kernel for Forward<'_> {
     type Output = f32;
     #[inline(always)]
     fn run<F: Float8>(self) -> f32 {
-        let mut frames = vec![Frame8::<F>::zero(); self.0.len()];
+        let mut frames = Frames8::<F>::new();
         let mut sum = F::splat(0.0);
         for q in self.1 {
             self.0.place(q, &mut frames);
