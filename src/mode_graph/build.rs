@@ -12,7 +12,7 @@ use super::graph::{
     Blockage, GraphKind, ModeEdge, ModeGoal, ModeGraph, ModeNode, ModeObject, NodeConflict, Place, Region,
     Slot,
 };
-use super::handoffs::{Handover, handoffs};
+use super::handoffs::{Handover, Meetings, handoffs};
 use super::holds::RestHolds;
 use super::proof::Proof;
 use super::reach::Reach;
@@ -42,9 +42,10 @@ impl Default for ModeGraphOptions {
 
 impl ModeGraphOptions {
     /// As the planner wants it: goals stay apart from their regions, so that an object may be put
-    /// aside right beside its goal.
+    /// aside right beside its goal; and no more spots than it takes to tell regions apart and to have a
+    /// choice, since reach is asked for at each.
     pub fn planning() -> Self {
-        Self { merge_goals: false, ..Self::default() }
+        Self { merge_goals: false, spacing: 0.25, ..Self::default() }
     }
 }
 
@@ -78,7 +79,8 @@ pub fn build_mode_graph(
     let proof = Proof::new(problem);
     let slots = Slots::new(problem);
     let classes = classes(problem);
-    let mut surveyor = Surveyor { problem, proof: &proof, reach, control, complete: true };
+    let mut surveyor =
+        Surveyor { problem, proof: &proof, reach, meetings: Meetings::default(), control, complete: true };
     let mut holds: BTreeMap<usize, RestHolds> =
         classes.iter().map(|&class| (class, surveyor.initial_holds(class))).collect();
     let mut slot_reach = Vec::with_capacity(slots.slots.len());
@@ -100,8 +102,9 @@ pub fn build_mode_graph(
             }
         }
         let member = problem.objects.iter().position(|object| object.class == class).unwrap_or(0);
+        let (reach, meetings) = (&mut *surveyor.reach, &mut surveyor.meetings);
         let (handovers, complete) =
-            handoffs(problem, surveyor.reach, &proof, ObjectId(member), holds, control);
+            handoffs(problem, reach, &proof, ObjectId(member), holds, meetings, control);
         surveyor.complete &= complete;
         surveys.insert(class, ClassSurvey { groups, handovers });
     }

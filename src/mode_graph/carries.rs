@@ -265,7 +265,8 @@ impl Ends {
             }
         }
         if giver != receiver {
-            return Finder::for_rest(surveyor.reach, self.object, &ends)
+            let object = (self.object, &surveyor.problem.objects[self.object.0]);
+            return Finder::for_rest(surveyor.reach, &mut surveyor.meetings, object, &ends)
                 .ends_placed(giver, receiver)
                 .is_some();
         }

@@ -2,9 +2,9 @@
 
 use crate::problem::Problem;
 use crate::run::Control;
-use crate::workcell::{Arm, ArmId, ObjectId};
+use crate::workcell::{Arm, ArmId, ObjectId, ObjectModel};
 
-use super::holds::{ArmHolds, RestHolds};
+use super::holds::{ArmHolds, RestHolds, is_same};
 use super::proof::Proof;
 use super::reach::{HandoffWitness, Hold, Reach, RestAction};
 
@@ -16,6 +16,54 @@ pub(super) struct Handover {
     pub(super) witness: HandoffWitness,
 }
 
+/// Handoffs that were found while one graph is built, for all that may do with one of them again: the
+/// fewer are looked for, the better. What is known depends on nothing but what was asked before.
+#[derive(Debug, Default)]
+pub(super) struct Meetings(Vec<(ArmId, ArmId, usize, HandoffWitness)>);
+
+impl Meetings {
+    /// Keeps a handoff of an object of `class`, backwards in time too where that `is_mirrored`.
+    fn keep(
+        &mut self,
+        (giver, receiver): (ArmId, ArmId),
+        class: usize,
+        witness: &HandoffWitness,
+        is_mirrored: bool,
+    ) {
+        self.0.push((giver, receiver, class, witness.clone()));
+        if is_mirrored {
+            self.0.push((receiver, giver, class, reversed(witness)));
+        }
+    }
+
+    /// One by which an object of `class` can go from a hold of `giving` to one of `taking`.
+    fn find(
+        &self,
+        arms: (ArmId, ArmId),
+        class: usize,
+        giving: &[Hold],
+        taking: &[Hold],
+    ) -> Option<HandoffWitness> {
+        let mut known =
+            self.0.iter().filter(|(giver, receiver, of, _)| (*giver, *receiver) == arms && *of == class);
+        let has = |holds: &[Hold], hold: &Hold| holds.iter().any(|other| is_same(other, hold));
+        let suits = |witness: &HandoffWitness| {
+            has(giving, &witness.giver_hold) && has(taking, &witness.receiver_hold)
+        };
+        known.find(|(.., witness)| suits(witness)).map(|(.., witness)| witness.clone())
+    }
+}
+
+/// A handoff backwards in time.
+fn reversed(witness: &HandoffWitness) -> HandoffWitness {
+    HandoffWitness {
+        giver_q: witness.receiver_q.clone(),
+        receiver_q: witness.giver_q.clone(),
+        giver_hold: witness.receiver_hold,
+        receiver_hold: witness.giver_hold,
+    }
+}
+
 /// All ordered pairs of arms that can hand over objects like `object`: the giver in a hold that it
 /// can come by, by a pick or an earlier handoff, the receiver in one that it can place, or else
 /// pass on. The second value is `false` when `control` stopped it.
@@ -25,6 +73,7 @@ pub(super) fn handoffs(
     proof: &Proof<'_>,
     object: ObjectId,
     holds: &RestHolds,
+    meetings: &mut Meetings,
     control: &Control,
 ) -> (Vec<Handover>, bool) {
     let arms = &problem.workcell.arms;
@@ -38,7 +87,9 @@ pub(super) fn handoffs(
     pairs.sort_by(|x, y| apart(x).total_cmp(&apart(y)));
     let mut finder = Finder {
         reach,
+        meetings,
         object,
+        class,
         is_mirrored: problem.objects[object.0].approach == problem.objects[object.0].retreat,
         all: arms.iter().map(|arm| every_hold(problem, object, arm)).collect(),
         obtained: holds.picked.clone(),
@@ -77,7 +128,9 @@ fn every_hold(problem: &Problem, object: ObjectId, arm: &Arm) -> Vec<Hold> {
 /// What is known while handoffs of one class are looked for.
 pub(super) struct Finder<'a> {
     reach: &'a mut dyn Reach,
+    meetings: &'a mut Meetings,
     object: ObjectId,
+    class: usize,
     /// Whether a handoff backwards in time is a handoff: the giver's retreat is then the
     /// receiver's approach.
     is_mirrored: bool,
@@ -92,11 +145,18 @@ pub(super) struct Finder<'a> {
 
 impl<'a> Finder<'a> {
     /// Looks for handoffs of `object` between the `holds` by which it is taken up and put down.
-    pub(super) fn for_rest(reach: &'a mut dyn Reach, object: ObjectId, holds: &RestHolds) -> Self {
+    pub(super) fn for_rest(
+        reach: &'a mut dyn Reach,
+        meetings: &'a mut Meetings,
+        (object, model): (ObjectId, &ObjectModel),
+        holds: &RestHolds,
+    ) -> Self {
         Self {
             reach,
+            meetings,
             object,
-            is_mirrored: false,
+            class: model.class,
+            is_mirrored: model.approach == model.retreat,
             all: Vec::new(),
             obtained: holds.picked.clone(),
             placeable: holds.placeable.clone(),
@@ -129,12 +189,7 @@ impl Finder<'_> {
         if !self.is_mirrored {
             return None;
         }
-        let witness = HandoffWitness {
-            giver_q: other.witness.receiver_q.clone(),
-            receiver_q: other.witness.giver_q.clone(),
-            giver_hold: other.witness.receiver_hold,
-            receiver_hold: other.witness.giver_hold,
-        };
+        let witness = reversed(&other.witness);
         if !self.confirm_giver(giver, &witness.giver_hold) {
             return None;
         }
@@ -150,7 +205,15 @@ impl Finder<'_> {
             if giving.is_empty() || taking.is_empty() {
                 return None;
             }
-            let witness = self.reach.handoff(giver, receiver, self.object, giving, taking)?;
+            let known = self.meetings.find((giver, receiver), self.class, giving, taking);
+            let witness = match known {
+                Some(known) => known,
+                None => {
+                    let found = self.reach.handoff(giver, receiver, self.object, giving, taking)?;
+                    self.meetings.keep((giver, receiver), self.class, &found, self.is_mirrored);
+                    found
+                }
+            };
             // Each round without success leaves fewer holds to try.
             let gives = self.confirm_giver(giver, &witness.giver_hold);
             if gives && self.confirm_receiver(receiver, &witness.receiver_hold) {

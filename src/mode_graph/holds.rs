@@ -86,7 +86,7 @@ pub(super) fn merge(known: &mut Vec<Hold>, found: &[Hold]) {
 }
 
 /// Whether two holds of one class are the same.
-fn is_same(a: &Hold, b: &Hold) -> bool {
+pub(super) fn is_same(a: &Hold, b: &Hold) -> bool {
     match (a.grasp, b.grasp) {
         (Some(a), Some(b)) => a == b,
         _ => is_close(&a.object_in_tcp, &b.object_in_tcp),

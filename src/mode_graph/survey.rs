@@ -8,6 +8,7 @@ use crate::workcell::{ArmId, ObjectId, SurfaceId};
 use super::fingers::finger_clearance;
 use super::footprint::Footprint;
 use super::graph::{Slot, Spot};
+use super::handoffs::Meetings;
 use super::holds::{RestHolds, is_close, merge};
 use super::packing::{Bed, pack};
 use super::proof::Proof;
@@ -49,6 +50,8 @@ pub(super) struct Surveyor<'a> {
     pub(super) problem: &'a Problem,
     pub(super) proof: &'a Proof<'a>,
     pub(super) reach: &'a mut dyn Reach,
+    /// Handoffs found so far.
+    pub(super) meetings: Meetings,
     pub(super) control: &'a Control,
     /// Whether nothing was cut short.
     pub(super) complete: bool,

@@ -18,6 +18,9 @@ const LINE_TOLERANCE: f64 = 0.001;
 /// How much earlier (m) than the required distance an exemption ends.
 const EXEMPTION_MARGIN: f64 = 0.001;
 
+/// By how much (m) more than a distance the TCP may be away where it is said to have gone so far.
+const NEAR_ENOUGH: f64 = 1e-9;
+
 /// A timed curve from 0 on, with its windows.
 #[derive(Debug, Clone)]
 pub(super) struct Leg {
@@ -181,18 +184,65 @@ fn line_tolerances(line: &Line, free: f64) -> Vec<f64> {
 /// When the TCP is first `distance` (m) away from where it starts, or the end of the curve.
 fn leaves(arm: &Arm, curve: &Curve, distance: f64) -> f64 {
     let start = arm.tcp_pose(&curve.first().q).translation.vector;
-    let away = |t: f64| (arm.tcp_pose(&curve.position_at(t)).translation.vector - start).norm();
-    let mut before = curve.start_time();
+    let beyond = |t: f64| (arm.tcp_pose(&curve.position_at(t)).translation.vector - start).norm() - distance;
+    let mut before = (curve.start_time(), -distance);
     for point in curve.points() {
-        if away(point.t) >= distance {
-            let (mut low, mut high) = (before, point.t);
-            for _ in 0..30 {
-                let middle = (low + high) / 2.0;
-                if away(middle) >= distance { high = middle } else { low = middle }
-            }
-            return high;
+        let here = (point.t, beyond(point.t));
+        if here.1 >= 0.0 {
+            return crossing(before, here, beyond);
         }
-        before = point.t;
+        before = here;
     }
     curve.end_time()
+}
+
+/// Where `value` ceases to be negative between `low`, where it is, and `high`, where it is not, each
+/// with its value: a place where it is not, by less than [`NEAR_ENOUGH`] or within a nanosecond. Regula
+/// falsi that halves the value of an end that stays twice (the Illinois method).
+fn crossing(mut low: (f64, f64), mut high: (f64, f64), value: impl Fn(f64) -> f64) -> f64 {
+    let (mut low_weight, mut high_weight) = (low.1, high.1);
+    let mut last_was_high = None;
+    for _ in 0..60 {
+        if high.1 <= NEAR_ENOUGH || high.0 - low.0 <= 1e-9 {
+            break;
+        }
+        let part = low_weight / (low_weight - high_weight);
+        let middle = low.0 + part.clamp(1e-3, 1.0 - 1e-3) * (high.0 - low.0);
+        let found = value(middle);
+        if found >= 0.0 {
+            high = (middle, found);
+            high_weight = found;
+            if last_was_high.replace(true) == Some(true) {
+                low_weight *= 0.5;
+            }
+        } else {
+            low = (middle, found);
+            low_weight = found;
+            if last_was_high.replace(false) == Some(false) {
+                high_weight *= 0.5;
+            }
+        }
+    }
+    high.0
+}
+
+#[cfg(test)]
+mod tests {
+    use super::crossing;
+
+    #[test]
+    fn crossings_are_found_from_beyond() {
+        let functions: [fn(f64) -> f64; 4] =
+            [|t| t - 0.3, |t| t * t * t - 0.027, |t| (9.0 * (t - 0.3)).tanh(), |t| 1e-3 * (t - 0.3)];
+        for value in functions {
+            let (low, high) = ((0.0, value(0.0)), (1.0, value(1.0)));
+            let found = crossing(low, high, value);
+            assert!(value(found) >= 0.0 && found >= 0.3 - 1e-12, "{found}");
+            assert!(found - 0.3 < 2e-6, "{found}");
+        }
+        // What jumps is narrowed down all the same.
+        let step = |t: f64| if t < 0.7 { -1.0 } else { 5.0 };
+        let found = crossing((0.0, -1.0), (1.0, 5.0), step);
+        assert!((0.7..0.7 + 1e-6).contains(&found), "{found}");
+    }
 }

@@ -17,6 +17,12 @@ use crate::workcell::{Arm, ArmId};
 /// Configurations that are drawn and checked at a time.
 const BATCH: usize = 8;
 
+/// Vertices that lie side by side in [`Roadmap::paced`].
+const PACED: usize = 8;
+
+/// So many more of the nearest in single precision are looked at exactly.
+const SURPLUS: usize = 2;
+
 /// What is known of an edge against the static workcell.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Validity {
@@ -65,6 +71,8 @@ pub struct Roadmap {
     /// Inverse of the joints' greatest speeds (s/rad).
     pace: Config,
     vertices: Arc<Vec<Config>>,
+    /// The vertices times `pace`, eight of them side by side for each joint, to look for neighbours.
+    paced: Arc<Vec<[f32; PACED]>>,
     edges: Arc<Vec<Edge>>,
     /// Edge numbers by vertex.
     incident: Arc<Vec<Vec<usize>>>,
@@ -81,6 +89,7 @@ impl Roadmap {
             arm: id,
             pace,
             vertices: Arc::default(),
+            paced: Arc::default(),
             edges: Arc::default(),
             incident: Arc::default(),
             validity: Vec::new(),
@@ -128,15 +137,34 @@ impl Roadmap {
     }
 
     fn nearest_with_distance(&self, q: &[f64], count: usize) -> Vec<(f64, usize)> {
-        let mut by_distance: Vec<(f64, usize)> =
-            self.vertices.iter().enumerate().map(|(i, v)| (self.distance(q, v), i)).collect();
-        let count = count.min(by_distance.len());
-        if count < by_distance.len() {
-            by_distance.select_nth_unstable_by(count, |a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
-            by_distance.truncate(count);
+        let total = self.vertices.len();
+        let count = count.min(total);
+        let by_distance = |a: &(f64, usize), b: &(f64, usize)| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1));
+        // Single precision tells which are worth a closer look.
+        let mut near: Vec<(f32, usize)> = Vec::with_capacity(total.next_multiple_of(PACED));
+        let joints = self.pace.len();
+        let target: SmallVec<[f32; 8]> =
+            q.iter().zip(&self.pace).map(|(x, pace)| (x * pace) as f32).collect();
+        for (block, values) in self.paced.chunks_exact(joints.max(1)).enumerate() {
+            let mut squares = [0.0_f32; PACED];
+            for (at, values) in target.iter().zip(values) {
+                for (square, value) in squares.iter_mut().zip(values) {
+                    *square += (at - value) * (at - value);
+                }
+            }
+            near.extend(squares.iter().enumerate().map(|(n, square)| (*square, PACED * block + n)));
         }
-        by_distance.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
-        by_distance
+        near.truncate(total);
+        let some = count + SURPLUS;
+        if some < near.len() {
+            near.select_nth_unstable_by(some, |a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+            near.truncate(some);
+        }
+        let mut exact: Vec<(f64, usize)> =
+            near.iter().map(|&(_, vertex)| (self.distance(q, &self.vertices[vertex]), vertex)).collect();
+        exact.sort_unstable_by(by_distance);
+        exact.truncate(count);
+        exact
     }
 
     /// How many neighbours a vertex is joined to.
@@ -193,6 +221,15 @@ impl Roadmap {
             self.validity.push(Validity::Unknown);
             incident[other].push(edge);
             incident[vertex].push(edge);
+        }
+        let (joints, slot) = (self.pace.len(), vertex % PACED);
+        let paced = Arc::make_mut(&mut self.paced);
+        if slot == 0 {
+            paced.resize(paced.len() + joints, [0.0; PACED]);
+        }
+        let first = paced.len() - joints;
+        for ((values, x), pace) in paced[first..].iter_mut().zip(&q).zip(&self.pace) {
+            values[slot] = (x * pace) as f32;
         }
         Arc::make_mut(&mut self.vertices).push(q);
     }

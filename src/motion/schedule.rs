@@ -5,16 +5,17 @@
 //! the two pass each other.
 
 use std::cell::OnceCell;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
+use std::rc::Rc;
 
-use crate::collision::CollisionWorld;
+use crate::collision::{CollisionWorld, Exemption, Taking};
 use crate::run::Control;
 use crate::trajectory::{Curve, CurveTable, MIN_SPACING_S};
 use crate::workcell::ArmId;
 
 use super::legs::Legs;
 use super::task::{ArmGoal, StepTask};
-use super::timed::{ArmMotion, CurveMotion, StepMotion, Window};
+use super::timed::{ArmMotion, CurveMotion, Instants, StepMotion, Window};
 
 /// Delays are multiples of this (s).
 const TICK: f64 = 0.15;
@@ -47,10 +48,10 @@ pub(super) fn schedule(
     legs: &[Legs],
     control: &Control,
 ) -> Result<StepMotion, Option<Conflict>> {
-    let mut search = Search { world, task, legs, known: BTreeMap::new() };
+    let mut search = Search::new(world, task, legs);
     let root = vec![0_u32; legs.len()];
     let mut open = vec![(search.duration(&root), root)];
-    let mut seen: std::collections::BTreeSet<Vec<u32>> = open.iter().map(|(_, d)| d.clone()).collect();
+    let mut seen: BTreeSet<Vec<u32>> = open.iter().map(|(_, d)| d.clone()).collect();
     let mut worst = None;
     for _ in 0..GREATEST_NODES {
         if control.should_stop() {
@@ -67,8 +68,9 @@ pub(super) fn schedule(
         match search.first_conflict(&delays) {
             None => {
                 let motion = search.compose(&delays);
-                // Tails of waiting were looked at pair by pair; the whole has the last word.
-                return match find_conflict(world, &motion) {
+                // What was looked at as it comes about now is certified; the rest was as far as the two
+                // arms' times lie alike, and the whole has the last word.
+                return match find_conflict_but(world, &motion, &search.certified(&delays)) {
                     None => Ok(motion),
                     conflict => Err(conflict),
                 };
@@ -79,7 +81,7 @@ pub(super) fn schedule(
                     let passing = WAITS.iter().find_map(|wait| {
                         let mut next = delays.clone();
                         next[arm] += wait;
-                        search.is_apart(conflict, &next).then_some(next)
+                        search.is_apart(conflict, &next, true).then_some(next)
                     });
                     if let Some(next) = passing
                         && seen.insert(next.clone())
@@ -95,17 +97,27 @@ pub(super) fn schedule(
 
 /// Certifies a composed step: the first pair of arms that is not kept apart.
 pub(super) fn find_conflict(world: &CollisionWorld, motion: &StepMotion) -> Option<Conflict> {
+    find_conflict_but(world, motion, &BTreeSet::new())
+}
+
+/// The same without the pairs in `certified`.
+fn find_conflict_but(
+    world: &CollisionWorld,
+    motion: &StepMotion,
+    certified: &BTreeSet<(usize, usize)>,
+) -> Option<Conflict> {
     let count = motion.arms.len();
     let tables = tables(motion);
-    (0..count).flat_map(|first| (first + 1..count).map(move |second| Conflict { first, second })).find(
-        |pair| {
+    (0..count)
+        .flat_map(|first| (first + 1..count).map(move |second| Conflict { first, second }))
+        .filter(|pair| !certified.contains(&(pair.first, pair.second)))
+        .find(|pair| {
             let timed = |arm: usize| {
                 let motion = &motion.arms[arm];
                 (arm, motion, tables[arm].get_or_init(|| CurveTable::new(&motion.curve)))
             };
             !pair_apart(world, timed(pair.first), timed(pair.second), motion.duration)
-        },
-    )
+        })
 }
 
 /// The arms' curves for sampling, each laid out when it is first asked for.
@@ -118,16 +130,47 @@ type Timed<'a> = (usize, &'a ArmMotion, &'a CurveTable);
 
 fn pair_apart(world: &CollisionWorld, first: Timed<'_>, second: Timed<'_>, duration: f64) -> bool {
     let ((i, a, a_table), (j, b, b_table)) = (first, second);
-    a.pieces(0.0, duration).into_iter().all(|(from, to, first)| {
-        b.pieces(from, to).into_iter().all(|(from, to, second)| {
-            let span = (from, to);
-            world.motions_apart(
-                (ArmId(i), &CurveMotion { curve: &a.curve, table: a_table, span }, a.held.as_ref(), first),
-                (ArmId(j), &CurveMotion { curve: &b.curve, table: b_table, span }, b.held.as_ref(), second),
-                span,
-            )
-        })
+    common_pieces(a, b, duration).all(|(span, first, second)| {
+        world.motions_apart(
+            (ArmId(i), &CurveMotion { curve: &a.curve, table: a_table, span }, a.held.as_ref(), first),
+            (ArmId(j), &CurveMotion { curve: &b.curve, table: b_table, span }, b.held.as_ref(), second),
+            span,
+        )
     })
+}
+
+/// Whether two arms meet at one of a few instants: cheaper than [`pair_apart`], and a reason why that
+/// must fail.
+fn pair_meets(world: &CollisionWorld, first: Timed<'_>, second: Timed<'_>, duration: f64) -> bool {
+    let ((i, a, a_table), (j, b, b_table)) = (first, second);
+    common_pieces(a, b, duration).any(|(span, first, second)| {
+        let one = Instants(CurveMotion { curve: &a.curve, table: a_table, span });
+        let two = Instants(CurveMotion { curve: &b.curve, table: b_table, span });
+        let (one, two): (Taking<'_>, Taking<'_>) =
+            ((ArmId(i), &one, a.held.as_ref(), first), (ArmId(j), &two, b.held.as_ref(), second));
+        !world.motions_apart(one, two, span)
+    })
+}
+
+/// The spans of time in which neither of two arms' exemptions change, with these.
+fn common_pieces(
+    a: &ArmMotion,
+    b: &ArmMotion,
+    duration: f64,
+) -> impl Iterator<Item = ((f64, f64), Exemption, Exemption)> {
+    a.pieces(0.0, duration).into_iter().flat_map(move |(from, to, first)| {
+        b.pieces(from, to).into_iter().map(move |(from, to, second)| ((from, to), first, second))
+    })
+}
+
+/// When an arm moves in a step of some duration (s): all that its motion depends on.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+struct Moment([u64; 4]);
+
+impl Moment {
+    fn new(timing: &Timing, duration: f64) -> Self {
+        Self([timing.start, timing.resume.unwrap_or(-1.0), timing.end, duration].map(f64::to_bits))
+    }
 }
 
 struct Search<'a> {
@@ -136,6 +179,17 @@ struct Search<'a> {
     legs: &'a [Legs],
     /// Pairs already looked at, by how their times lie to each other (ns).
     known: BTreeMap<(usize, usize, [i64; 3]), bool>,
+    /// By arm, the motion that was composed last, and for when.
+    composed: Vec<Option<(Moment, Rc<(ArmMotion, CurveTable)>)>>,
+    /// By pair of arms, the moments for which they were certified apart last.
+    apart: BTreeMap<(usize, usize), (Moment, Moment)>,
+}
+
+impl<'a> Search<'a> {
+    fn new(world: &'a CollisionWorld, task: &'a StepTask, legs: &'a [Legs]) -> Self {
+        let composed = legs.iter().map(|_| None).collect();
+        Self { world, task, legs, known: BTreeMap::new(), composed, apart: BTreeMap::new() }
+    }
 }
 
 impl Search<'_> {
@@ -188,12 +242,36 @@ impl Search<'_> {
         let count = self.legs.len();
         (0..count)
             .flat_map(|first| (first + 1..count).map(move |second| Conflict { first, second }))
-            .find(|pair| !self.is_apart(*pair, delays))
+            .find(|pair| !self.is_apart(*pair, delays, false))
+    }
+
+    /// The pairs that were certified apart as they move under `delays`.
+    fn certified(&self, delays: &[u32]) -> BTreeSet<(usize, usize)> {
+        let timings = self.timings(delays);
+        let duration = whole_duration(&timings);
+        let now = |arm: usize| Moment::new(&timings[arm], duration);
+        self.apart.iter().filter(|((a, b), at)| **at == (now(*a), now(*b))).map(|(pair, _)| *pair).collect()
+    }
+
+    /// An arm's motion, laid out for sampling.
+    fn motion(&mut self, arm: usize, timing: &Timing, duration: f64) -> Rc<(ArmMotion, CurveTable)> {
+        let moment = Moment::new(timing, duration);
+        if let Some((when, known)) = &self.composed[arm]
+            && *when == moment
+        {
+            return known.clone();
+        }
+        let motion = compose_arm(timing, &self.legs[arm], duration, self.task.arms[arm].held);
+        let table = CurveTable::new(&motion.curve);
+        let made = Rc::new((motion, table));
+        self.composed[arm] = Some((moment, made.clone()));
+        made
     }
 
     /// Whether a pair of arms is kept apart. This depends on nothing but how their times lie to each
-    /// other: before the one starts and after the other ends both rest.
-    fn is_apart(&mut self, pair: Conflict, delays: &[u32]) -> bool {
+    /// other: before the one starts and after the other ends both rest. One that is in `doubt` is looked
+    /// at at a few instants first.
+    fn is_apart(&mut self, pair: Conflict, delays: &[u32], doubt: bool) -> bool {
         let timings = self.timings(delays);
         let (a, b) = (timings[pair.first], timings[pair.second]);
         let nanoseconds = |seconds: f64| (seconds * 1e9).round() as i64;
@@ -203,16 +281,15 @@ impl Search<'_> {
             return known;
         }
         let duration = whole_duration(&timings);
-        let timed =
-            |arm: usize| compose_arm(&timings[arm], &self.legs[arm], duration, self.task.arms[arm].held);
-        let (first, second) = (timed(pair.first), timed(pair.second));
-        let tables = (CurveTable::new(&first.curve), CurveTable::new(&second.curve));
-        let apart = pair_apart(
-            self.world,
-            (pair.first, &first, &tables.0),
-            (pair.second, &second, &tables.1),
-            duration,
-        );
+        let first = self.motion(pair.first, &a, duration);
+        let second = self.motion(pair.second, &b, duration);
+        let (first, second) = ((pair.first, &first.0, &first.1), (pair.second, &second.0, &second.1));
+        let apart = !(doubt && pair_meets(self.world, first, second, duration))
+            && pair_apart(self.world, first, second, duration);
+        if apart {
+            let moments = (Moment::new(&a, duration), Moment::new(&b, duration));
+            self.apart.insert((pair.first, pair.second), moments);
+        }
         self.known.insert(key, apart);
         apart
     }

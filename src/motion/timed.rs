@@ -93,3 +93,33 @@ impl JointMotion for CurveMotion<'_> {
         }
     }
 }
+
+/// Eight instants of a part of a curve, between which it is not looked at: what meets there cannot be
+/// certified, what does not may still meet in between.
+#[derive(Debug)]
+pub(super) struct Instants<'a>(pub(super) CurveMotion<'a>);
+
+impl JointMotion for Instants<'_> {
+    fn at(&self, s: f64) -> Config {
+        self.0.at(s)
+    }
+
+    fn deviation(&self, s0: f64, s1: f64) -> Config {
+        self.at((s0 + s1) / 2.0).iter().map(|_| 0.0).collect()
+    }
+
+    fn span(&self) -> (f64, f64) {
+        self.0.span()
+    }
+
+    fn sample(&self, intervals: &[(f64, f64); 8], out: &mut Samples) {
+        out.resize(self.0.table.joints());
+        let mut hint = 0;
+        for (lane, (from, to)) in intervals.iter().enumerate() {
+            let instant = (from + to) / 2.0;
+            self.0.table.sample((instant, instant), &mut hint, |joint, value, _| {
+                out.set(joint, lane, value, 0.0);
+            });
+        }
+    }
+}

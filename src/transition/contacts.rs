@@ -37,6 +37,10 @@ pub struct Contacts<'a> {
     known: BTreeMap<Key, Entry>,
     /// Whether the hand alone has room: by hand, class, pose and hold.
     room: BTreeMap<(usize, usize, Bits, Bits), bool>,
+    /// The holds in which it has: by hand, class, surface and pose.
+    roomy: BTreeMap<(usize, usize, usize, Bits), Arc<[(usize, Pose)]>>,
+    /// By arm, class and grasp, how often an estimate found a way by it: a guess where to look first.
+    promising: BTreeMap<(usize, usize, usize), u32>,
     hands: Hands<'a>,
 }
 
@@ -61,7 +65,16 @@ impl<'a> Contacts<'a> {
     /// A sampler that draws further contacts from `rng`.
     pub fn new(problem: &'a Problem, world: &'a CollisionWorld, rng: Rng) -> Self {
         let hands = Hands::new(problem, world);
-        Self { problem, world, rng, known: BTreeMap::new(), room: BTreeMap::new(), hands }
+        Self {
+            problem,
+            world,
+            rng,
+            known: BTreeMap::new(),
+            room: BTreeMap::new(),
+            roomy: BTreeMap::new(),
+            promising: BTreeMap::new(),
+            hands,
+        }
     }
 
     /// The same knowledge, drawing from another stream from now on.
@@ -125,29 +138,45 @@ impl<'a> Contacts<'a> {
     /// The holds in which the arm's gripper fits around the object and the hand alone has room:
     /// cheaper than [`Self::holds`], and never less.
     pub fn possible_holds(&mut self, query: &ContactQuery) -> Vec<(usize, Pose)> {
+        self.with_room(query).to_vec()
+    }
+
+    fn with_room(&mut self, query: &ContactQuery) -> Arc<[(usize, Pose)]> {
         let problem = self.problem;
+        let class = problem.objects[query.object.0].class;
+        let key = (self.hands.kind(query.arm), class, query.surface.0, bits(&query.pose));
+        if let Some(known) = self.roomy.get(&key) {
+            return known.clone();
+        }
         let opening = problem.workcell.arms[query.arm.0].tool.max_opening;
         let grasps = problem.objects[query.object.0].grasps.iter().enumerate();
-        grasps
+        let found: Arc<[(usize, Pose)]> = grasps
             .filter(|(_, grasp)| grasp.fits(opening))
             .map(|(number, grasp)| (number, grasp.object_in_tcp))
             .filter(|(_, hold)| {
                 let grounding = Grounding::new(problem, self.world, query, hold);
                 self.has_room(query, hold, &grounding)
             })
-            .collect()
+            .collect();
+        self.roomy.insert(key, found.clone());
+        found
     }
 
     /// Whether the contact can be had by any grasp.
     pub fn any(&mut self, query: &ContactQuery) -> bool {
-        self.possible_holds(query).iter().any(|(_, hold)| self.has(query, hold))
+        self.with_room(query).iter().any(|(_, hold)| self.has(query, hold))
     }
 
     /// Whether it looks as if the contact could be had: a cheap estimate of [`Self::any`] that
     /// leaves out whether the lines are free of collision. Nothing is remembered of it.
     pub fn seems_possible(&mut self, query: &ContactQuery) -> bool {
         let (asked, _) = self.canonical(query);
-        self.possible_holds(&asked).iter().any(|(_, hold)| {
+        let class = self.problem.objects[asked.object.0].class;
+        // The answer is the same in whatever order the holds are looked at.
+        let mut holds = self.with_room(&asked).to_vec();
+        let promise = |grasp: usize| self.promising.get(&(asked.arm.0, class, grasp)).copied().unwrap_or(0);
+        holds.sort_by_cached_key(|(grasp, _)| std::cmp::Reverse(promise(*grasp)));
+        let found = holds.iter().find(|(_, hold)| {
             let key = self.key(&asked, hold);
             if self.known.get(&key).is_some_and(|entry| !entry.found.is_empty()) {
                 return true;
@@ -155,7 +184,10 @@ impl<'a> Contacts<'a> {
             let grounding = Grounding::new(self.problem, self.world, &asked, hold);
             let configurations = grounding.configurations(3 * self.most(), &mut stream(&key));
             configurations.iter().any(|q| grounding.seems_good(q))
-        })
+        });
+        let Some((grasp, _)) = found else { return false };
+        *self.promising.entry((asked.arm.0, class, *grasp)).or_default() += 1;
+        true
     }
 
     /// Whether a contact and its lines are clear of the other objects at rest in `scene` (the

@@ -73,9 +73,12 @@ pub(super) fn sample_handoffs(
     rng: &mut Rng,
 ) -> Vec<HandoffContact> {
     let arms = &problem.workcell.arms;
-    let sampler = Sampler {
+    let mut sampler = Sampler {
         world,
         query,
+        fits: vec![None; query.giver_holds.len() * query.receiver_holds.len()],
+        giving: (0..query.giver_holds.len()).collect(),
+        taking: (0..query.receiver_holds.len()).collect(),
         giver: &arms[query.giver.0],
         receiver: &arms[query.receiver.0],
         approach: problem.objects[query.object.0].approach,
@@ -126,6 +129,12 @@ enum Draw {
 struct Sampler<'a> {
     world: &'a CollisionWorld,
     query: &'a HandoffQuery<'a>,
+    /// By pair of holds, the receiver's counted within the giver's: whether both hands fit, where that
+    /// was asked.
+    fits: Vec<Option<bool>>,
+    /// The numbers of the giver's holds, and of the receiver's.
+    giving: Vec<usize>,
+    taking: Vec<usize>,
     giver: &'a Arm,
     receiver: &'a Arm,
     approach: f64,
@@ -136,22 +145,27 @@ struct Sampler<'a> {
 
 impl Sampler<'_> {
     /// Two holds in which the hands do not touch each other; `None` when there are none.
-    fn draw_holds(&self, hands: &mut Hands<'_>, rng: &mut Rng) -> Option<(Pose, Pose)> {
-        let (giving, taking) = (self.query.giver_holds, self.query.receiver_holds);
-        let (giver, receiver) = (self.query.giver, self.query.receiver);
+    fn draw_holds(&mut self, hands: &mut Hands<'_>, rng: &mut Rng) -> Option<(Pose, Pose)> {
+        let holds = |(g, r): (usize, usize)| (self.query.giver_holds[g].1, self.query.receiver_holds[r].1);
+        let fits = &mut self.fits;
+        let mut fit = |g: usize, r: usize| {
+            *fits[g * self.taking.len() + r].get_or_insert_with(|| {
+                let (giving, taking) = holds((g, r));
+                hands.fit((self.query.giver, &giving), (self.query.receiver, &taking))
+            })
+        };
         for _ in 0..DRAWS_OF_HOLDS {
-            let ((_, g), (_, r)) = (giving.choose(rng)?, taking.choose(rng)?);
-            if hands.fit((giver, g), (receiver, r)) {
-                return Some((*g, *r));
+            let (&g, &r) = (self.giving.choose(rng)?, self.taking.choose(rng)?);
+            if fit(g, r) {
+                return Some(holds((g, r)));
             }
         }
-        let all = giving.iter().flat_map(|(_, g)| taking.iter().map(move |(_, r)| (g, r)));
-        let fitting: Vec<(&Pose, &Pose)> =
-            all.filter(|(g, r)| hands.fit((giver, g), (receiver, r))).collect();
-        fitting.choose(rng).map(|(g, r)| (**g, **r))
+        let all = self.giving.iter().flat_map(|&g| self.taking.iter().map(move |&r| (g, r)));
+        let fitting: Vec<(usize, usize)> = all.filter(|&(g, r)| fit(g, r)).collect();
+        fitting.choose(rng).map(|&pair| holds(pair))
     }
 
-    fn draw(&self, hands: &mut Hands<'_>, rng: &mut Rng) -> Draw {
+    fn draw(&mut self, hands: &mut Hands<'_>, rng: &mut Rng) -> Draw {
         let Some((giver_hold, receiver_hold)) = self.draw_holds(hands, rng) else { return Draw::NoHolds };
         let (centre, spread) = self.meeting_place;
         let place = Vec3::from_fn(|i, _| centre[i] + spread[i] * rng.random_range(-1.0..1.0));
@@ -167,7 +181,8 @@ impl Sampler<'_> {
             return Draw::Miss;
         }
         let taking = solve(self.receiver, &receiver_hold);
-        let pairs = giving.iter().flat_map(|g| taking.iter().map(move |r| (self.cost(g, r), g, r)));
+        let this = &*self;
+        let pairs = giving.iter().flat_map(|g| taking.iter().map(move |r| (this.cost(g, r), g, r)));
         match pairs.min_by(|a, b| a.0.total_cmp(&b.0)) {
             Some((cost, g, r)) => Draw::Hit(Box::new(Candidate {
                 giver_hold,
@@ -217,20 +232,20 @@ impl Sampler<'_> {
         let receiver_rests = StraightMotion::rest(receiver_q);
         let (approach, retreat) =
             (PathMotion::new(&receiver_approach.waypoints), PathMotion::new(&giver_retreat.waypoints));
-        let approaches = world.motion_free(query.receiver, &approach, None, &empty, none)
+        // One arm alone is looked at before two.
+        let free = world.motion_free(query.receiver, &approach, None, &empty, none)
+            && world.motion_free(query.giver, &retreat, None, &empty, none)
             && world.motions_apart(
                 (query.giver, &giver_rests, Some(&giving), none),
                 (query.receiver, &approach, None, touching),
                 approach.span(),
-            );
-        let retreats = approaches
-            && world.motion_free(query.giver, &retreat, None, &empty, none)
+            )
             && world.motions_apart(
                 (query.giver, &retreat, None, touching),
                 (query.receiver, &receiver_rests, Some(&taking), none),
                 retreat.span(),
             );
-        retreats.then(|| HandoffContact {
+        free.then(|| HandoffContact {
             giver_hold: *giver_hold,
             receiver_hold: *receiver_hold,
             giver_q: giver_q.clone(),

@@ -76,13 +76,12 @@ fn step(arm: &Arm, start: &Pose, direction: &Vec3, along: f64, seed: &[f64]) -> 
     arm.model.inverse_near(&arm.limits, &mount, seed, GREATEST_JOINT_STEP)
 }
 
-/// Whether the joint segment keeps the TCP on the line.
+/// Whether the joint segment keeps the TCP on the line. Between two configurations that are this near to
+/// each other it strays most in the middle, but for terms of third order.
 fn is_straight(arm: &Arm, start: &Pose, direction: &Vec3, from: &[f64], to: &[f64]) -> bool {
-    [0.25, 0.5, 0.75].iter().all(|&s| {
-        let q: Config = from.iter().zip(to).map(|(a, b)| a + (b - a) * s).collect();
-        let tcp = arm.tcp_pose(&q);
-        let offset = tcp.translation.vector - start.translation.vector;
-        let aside = offset - direction * offset.dot(direction);
-        aside.norm() < GREATEST_SAG && tcp.rotation.angle_to(&start.rotation) < GREATEST_TURN
-    })
+    let q: Config = from.iter().zip(to).map(|(a, b)| (a + b) / 2.0).collect();
+    let tcp = arm.tcp_pose(&q);
+    let offset = tcp.translation.vector - start.translation.vector;
+    let aside = offset - direction * offset.dot(direction);
+    aside.norm() < GREATEST_SAG && tcp.rotation.angle_to(&start.rotation) < GREATEST_TURN
 }

@@ -3,7 +3,8 @@
 //! Time is cut where the set of exempt pairs changes. On an interval, the distance of two bodies
 //! in its middle less the most that either can have moved from there bounds their distance
 //! throughout; where that does not clear the pair, the interval is halved. Every arm's frames are
-//! computed once per interval for all pairs that are still open there.
+//! computed once per interval for all pairs that are still open there. Pairs of the same two arms
+//! stand side by side, so that boxes around all that an arm sweeps clear many of them at once.
 
 use std::collections::BTreeMap;
 
@@ -13,6 +14,7 @@ use super::gap::{Frame, gap, lower_along};
 use super::scene::{Owner, Pair, Scene};
 use super::straight::Window;
 use super::structure::SAME_TIME;
+use super::units::{Bounds, Units};
 use super::verdict::{Clearance, Report, Rule};
 use crate::geometry::Vec3;
 
@@ -33,6 +35,8 @@ const QUERY_WORK: u64 = 60;
 const FRAMES_WORK: u64 = 100;
 /// Pairs of bodies of more parts than this do without remembered axes.
 const MAX_AXES: usize = 64;
+/// Runs of pairs of the same two units from this length on are looked at as a whole first.
+const LEAST_RUN: usize = 4;
 
 /// An overlap of two bodies.
 #[derive(Debug, Clone, Copy)]
@@ -85,7 +89,11 @@ struct Inspector<'a, 'p> {
     scene: &'a Scene<'p>,
     arms: &'a mut Arms,
     custody: Vec<Custody>,
+    /// Those of the same two units side by side.
     pairs: Vec<Pair>,
+    units: Units,
+    /// By unit, the box around all that it sweeps, and for which interval.
+    boxes: Vec<(u64, Bounds)>,
     /// By pair: where its axes start in `axes`.
     axes_at: Vec<Option<usize>>,
     axes: Vec<Vec3>,
@@ -109,11 +117,16 @@ pub(super) fn check(
 ) -> Option<Clearance> {
     let cuts = cut_times(timeline, windows, arms.duration());
     let objects = timeline.spells.len();
+    let units = Units::new(scene);
+    let mut standing = scene.standing.clone();
+    standing.sort_by_key(|pair| (units.of(pair), pair.a, pair.b));
     let place = Place { stamp: 0, frame: Frame::identity(), centre: Vec3::zeros(), bounds: Vec::new() };
     let mut inspector = Inspector {
         scene,
         custody: Vec::new(),
-        pairs: scene.standing.clone(),
+        pairs: standing,
+        boxes: vec![(0, Bounds::empty()); units.len()],
+        units,
         axes_at: Vec::new(),
         axes: Vec::new(),
         places: vec![place; scene.bodies.len()],
@@ -302,11 +315,75 @@ impl Inspector<'_, '_> {
     /// A first idea of the least clearance, from one instant.
     fn seed(&mut self, t: f64) {
         self.stamp += 1;
-        for index in 0..self.pairs.len() {
-            if self.pairs[index].counted {
-                self.look_closer(index, t);
+        let all: Vec<usize> = (0..self.pairs.len()).filter(|&index| self.pairs[index].counted).collect();
+        let near = self.sift((t, t), &all, self.least());
+        for &index in &near {
+            self.look_closer(index, t);
+        }
+        self.spare.push(near);
+    }
+
+    /// The least distance (m) of a counted pair so far.
+    fn least(&self) -> f64 {
+        self.closest.map_or(f64::INFINITY, |closest| closest.distance)
+    }
+
+    /// Those of the pairs in `open` that may come to within `target` (m) in `[a, b]` as far as boxes
+    /// around their units tell.
+    fn sift(&mut self, (a, b): (f64, f64), open: &[usize], target: f64) -> Vec<usize> {
+        let mut kept = self.spare.pop().unwrap_or_default();
+        kept.clear();
+        let units = |it: &Self, index: usize| it.units.of(&it.pairs[index]);
+        let mut rest = open;
+        while let Some(&first) = rest.first() {
+            let (one, two) = units(self, first);
+            let count = rest.iter().take_while(|&&index| units(self, index) == (one, two)).count();
+            let (run, after) = rest.split_at(count);
+            rest = after;
+            if one == two || run.len() < LEAST_RUN {
+                kept.extend_from_slice(run);
+                continue;
+            }
+            self.work += 1;
+            let (swept, other) = (self.swept(one, a, b), self.swept(two, a, b));
+            if swept.distance(&other) > target {
+                continue;
+            }
+            for of_body in run.chunk_by(|&x, &y| self.pairs[x].a == self.pairs[y].a) {
+                if of_body.len() >= LEAST_RUN {
+                    let place = &self.places[self.pairs[of_body[0]].a];
+                    let needs = self.scene.bodies[self.pairs[of_body[0]].a].radius
+                        + place.bounds.first().copied().unwrap_or(0.0);
+                    if other.distance_to(&place.centre) - needs > target {
+                        continue;
+                    }
+                }
+                kept.extend_from_slice(of_body);
             }
         }
+        kept
+    }
+
+    /// The box around all bodies of a unit over `[a, b]`, each as a ball.
+    fn swept(&mut self, unit: usize, a: f64, b: f64) -> Bounds {
+        let (stamp, known) = self.boxes[unit];
+        if stamp == self.stamp {
+            return known;
+        }
+        let mut bounds = Bounds::empty();
+        for member in 0..self.units.members(unit).len() {
+            let body = self.units.members(unit)[member];
+            self.place(body, a, b);
+            if let Some(still) = self.units.still(body) {
+                bounds = *still;
+                continue;
+            }
+            let place = &self.places[body];
+            let motion = place.bounds.first().copied().unwrap_or(0.0);
+            bounds.add_ball(&place.centre, self.scene.bodies[body].radius + motion);
+        }
+        self.boxes[unit] = (self.stamp, bounds);
+        bounds
     }
 
     /// Takes note of a counted pair at the instant `t` alone, if it is the closest so far.
@@ -315,8 +392,8 @@ impl Inspector<'_, '_> {
         self.place(pair.a, t, t);
         self.place(pair.b, t, t);
         self.work += 1;
-        let least = self.closest.map_or(f64::INFINITY, |closest| closest.distance);
-        if self.ball_distance(&pair) < least {
+        let least = self.least();
+        if self.coarse_distance(&pair) < least {
             let apart = self.apart(index, least);
             self.note(&pair, &apart, t);
         }
@@ -324,35 +401,45 @@ impl Inspector<'_, '_> {
 
     /// Remembers the closest counted pair.
     fn note(&mut self, pair: &Pair, apart: &Apart, t: f64) {
-        let least = self.closest.map_or(f64::INFINITY, |closest| closest.distance);
-        if pair.counted && apart.estimate < least {
+        if pair.counted && apart.estimate < self.least() {
             let bodies = (pair.a, pair.b);
             self.closest = Some(Closest { distance: apart.estimate, t, bodies, parts: apart.parts });
         }
     }
 
-    fn ball_distance(&self, pair: &Pair) -> f64 {
-        let offset = self.places[pair.a].centre - self.places[pair.b].centre;
-        offset.norm() - self.scene.bodies[pair.a].radius - self.scene.bodies[pair.b].radius
+    /// A lower bound (m) on the signed distance of a pair in the middle: that of their balls or, of an
+    /// obstacle, from the box around it.
+    fn coarse_distance(&self, pair: &Pair) -> f64 {
+        let ball = |body: usize| (&self.places[body].centre, self.scene.bodies[body].radius);
+        let ((one, radius), (two, other_radius)) = (ball(pair.a), ball(pair.b));
+        let mut apart = (one - two).norm() - radius - other_radius;
+        if let Some(still) = self.units.still(pair.b) {
+            apart = apart.max(still.distance_to(one) - radius);
+        }
+        if let Some(still) = self.units.still(pair.a) {
+            apart = apart.max(still.distance_to(two) - other_radius);
+        }
+        apart
     }
 
     /// Certifies the pairs in `open` over `[from, to]`; `false` when the work became too much.
     fn certify(&mut self, from: f64, to: f64, open: &[usize]) -> bool {
         self.stamp += 1;
         let middle = 0.5 * (from + to);
+        let near = self.sift((from, to), open, (self.least() - CLEARANCE_STEP).max(-TOLERANCE));
         let mut still_open = self.spare.pop().unwrap_or_default();
         still_open.clear();
-        self.work += open.len() as u64;
-        for &index in open {
+        self.work += near.len() as u64;
+        for &index in &near {
             let pair = self.pairs[index];
             self.place(pair.a, from, to);
             self.place(pair.b, from, to);
             let bound = |place: &Place| place.bounds.get(pair.common).copied().unwrap_or(0.0);
             let motion = bound(&self.places[pair.a]) + bound(&self.places[pair.b]);
-            let least = self.closest.map_or(f64::INFINITY, |closest| closest.distance);
+            let least = self.least();
             // Counted pairs are followed further where they may come closer than any before.
             let target = if pair.counted { (least - CLEARANCE_STEP).max(-TOLERANCE) } else { -TOLERANCE };
-            let far = self.ball_distance(&pair);
+            let far = self.coarse_distance(&pair);
             if far - motion > target {
                 continue;
             }
@@ -385,6 +472,7 @@ impl Inspector<'_, '_> {
                 still_open.push(index);
             }
         }
+        self.spare.push(near);
         let done = if self.work > MAX_WORK {
             false
         } else {

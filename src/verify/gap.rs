@@ -156,7 +156,7 @@ impl Part {
 
     /// How far the part reaches along the unit vector `axis` (both in the world), the body at
     /// `body`.
-    fn reach(&self, body: &Frame, axis: &Vec3) -> f64 {
+    pub(super) fn reach(&self, body: &Frame, axis: &Vec3) -> f64 {
         let in_body = body.rotation.tr_mul(axis);
         let in_core = self.local.rotation.tr_mul(&in_body);
         self.core.support(&in_core).dot(&in_core)

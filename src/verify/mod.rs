@@ -19,6 +19,7 @@ mod straight;
 mod structure;
 #[cfg(test)]
 mod tests;
+mod units;
 mod verdict;
 
 pub use verdict::{Clearance, Figures, Rule, Verdict, Violation};

@@ -71,7 +71,7 @@ impl SphericalSeven {
         out: &mut Vec<Config>,
     ) {
         let mut windows = SmallVec::new();
-        self.windows(aim, limits, near, &mut windows);
+        self.windows(aim, limits, near, None, &mut windows);
         if windows.is_empty() {
             return;
         }
@@ -112,10 +112,9 @@ impl SphericalSeven {
         }
         let (shoulder, wrist) = self.sides_of(seed);
         let mut windows = SmallVec::new();
-        self.windows(&aim, limits, seed, &mut windows);
+        self.windows(&aim, limits, seed, Some(Branch { elbow, shoulder, wrist }), &mut windows);
         windows
             .iter()
-            .filter(|w| w.branch == Branch { elbow, shoulder, wrist })
             .filter_map(|window| {
                 let psi = nearest_to_zero(window);
                 self.angles(&aim.elbows[elbow], psi, seed).within(window.branch, limits, seed)
@@ -154,7 +153,7 @@ impl SphericalSeven {
         }
         if best.is_none() {
             let mut windows = SmallVec::new();
-            self.windows(&aim, limits, reference, &mut windows);
+            self.windows(&aim, limits, reference, None, &mut windows);
             for window in &windows {
                 let psi = (window.from + window.to) / 2.0;
                 if let Some((cost, q)) = cost_at(window.branch, psi) {

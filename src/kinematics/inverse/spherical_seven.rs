@@ -183,18 +183,23 @@ impl SphericalSeven {
         }
     }
 
-    /// All windows of psi, in (-pi, pi] and a turn on, within which some branch respects `limits`.
-    /// Exact: each bound of a joint is crossed where an expression linear in cos psi and sin psi
+    /// All windows of psi, in (-pi, pi] and a turn on, within which some branch, or the one of `only`,
+    /// respects `limits`. Exact: each bound of a joint is crossed where an expression linear in cos psi and sin psi
     /// vanishes.
     pub fn windows(
         &self,
         aim: &Aim,
         limits: &[JointLimits],
         near: &[f64; 7],
+        only: Option<Branch>,
         out: &mut SmallVec<[Window; 32]>,
     ) {
         out.clear();
+        let is_asked = |branch: Branch| only.is_none_or(|only| only == branch);
         for (elbow, of_elbow) in aim.elbows.iter().enumerate() {
+            if only.is_some_and(|only| only.elbow != elbow) {
+                continue;
+            }
             if fit(of_elbow.q4, &limits[3], near[3]).is_none() {
                 continue;
             }
@@ -214,7 +219,7 @@ impl SphericalSeven {
                 for shoulder in Side::BOTH {
                     for wrist in Side::BOTH {
                         let branch = Branch { elbow, shoulder, wrist };
-                        if angles.within(branch, limits, near).is_some() {
+                        if is_asked(branch) && angles.within(branch, limits, near).is_some() {
                             out.push(Window { from, to, branch });
                         }
                     }
