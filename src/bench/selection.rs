@@ -82,7 +82,11 @@ pub fn select(families: &[Family], sizes: &[Size], trials: u64) -> Result<Select
             let all = (0..trials.max(1)).map(|seed| generate(family, size.arms, size.objects, seed));
             match all.collect::<Result<Vec<_>, _>>() {
                 Ok(_) => selection.cases.push(case),
-                Err(ScenarioError::Objects { .. } | ScenarioError::TooFewArms { .. }) => {
+                Err(
+                    ScenarioError::Objects { .. }
+                    | ScenarioError::TooFewArms { .. }
+                    | ScenarioError::NoRing(_),
+                ) => {
                     selection.skipped.push(case);
                 }
                 Err(error) => return Err(error),

@@ -28,6 +28,7 @@ use clap::{Parser, Subcommand};
 
 use self::logging::LogFormat;
 use crate::bench::BenchError;
+use crate::guidance::InstanceError;
 use crate::scenario::ScenarioError;
 use crate::wire::Fault;
 
@@ -96,6 +97,9 @@ enum CliError {
     /// Measurements could not be made.
     #[error(transparent)]
     Bench(#[from] BenchError),
+    /// A mode graph is no instance of guidance.
+    #[error("the mode graph makes no sense: {0}")]
+    Graph(InstanceError),
     /// A file of results cannot be used.
     #[error("{}: {what}", path.display())]
     Results { path: PathBuf, what: String },

@@ -12,6 +12,7 @@
 //! found by regret matching (RM+: Tammelin 2014) against best answers; every round gives a valid bound.
 
 use super::network::{FAR, Network, distances};
+use super::passage::passage;
 
 /// Rounds of regret matching.
 const ROUNDS: usize = 240;
@@ -114,22 +115,14 @@ pub(super) fn static_load(
         }
     }
     let least = round_up(best.0);
-    (whole_carries(network, start, &mut game, &offsets, &best.1, least), best.1)
+    let sets = sets_of_arms(&offsets, &best.1);
+    let carries = whole_carries(network, start, &mut game, &offsets, &sets, least);
+    let through = sets.iter().map(|set| passage(network, start, reach, set, carries)).max();
+    (carries.max(through.unwrap_or(0)), best.1)
 }
 
-/// A bound from carries being whole: an arm whose hand is empty at the start and in the end acts an
-/// even number of times, in the steps that its head and tail leave it. Sets of arms that are weighed
-/// alike, or have equal heads and tails, must together make all the acts that any plan needs of them.
-/// Returns that or `at_least`.
-fn whole_carries(
-    network: &Network,
-    start: &[u16],
-    game: &mut Game,
-    offsets: &[f64],
-    weights: &[f64],
-    at_least: usize,
-) -> usize {
-    let arms = offsets.len();
+/// Sets of arms that are weighed alike, or have equal heads and tails.
+fn sets_of_arms(offsets: &[f64], weights: &[f64]) -> Vec<Vec<bool>> {
     let mut sets: Vec<Vec<bool>> = Vec::new();
     let heaviest = weights.iter().copied().fold(0.0, f64::max);
     for share in [0.1, 0.3, 0.6] {
@@ -140,6 +133,21 @@ fn whole_carries(
     }
     sets.sort();
     sets.dedup();
+    sets
+}
+
+/// A bound from carries being whole: an arm whose hand is empty at the start and in the end acts an
+/// even number of times, in the steps that its head and tail leave it. Each of `sets` must together make
+/// all the acts that any plan needs of it. Returns that or `at_least`.
+fn whole_carries(
+    network: &Network,
+    start: &[u16],
+    game: &mut Game,
+    offsets: &[f64],
+    sets: &[Vec<bool>],
+    at_least: usize,
+) -> usize {
+    let arms = offsets.len();
     let holds = |arm: usize| network.arms[arm].iter().any(|node| start.contains(node));
     let keeps = |node: u16| network.kinds.iter().any(|kind| kind.is_goal[node as usize]);
     let may_keep = |arm: usize| network.arms[arm].iter().any(|&node| keeps(node));

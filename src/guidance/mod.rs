@@ -10,6 +10,7 @@
 //! This room knows no geometry, no kinematics and no motion: only numbers of nodes and objects.
 
 mod baselines;
+mod beat;
 mod bounds;
 mod check;
 mod cuts;
@@ -25,6 +26,7 @@ mod memo;
 mod network;
 #[cfg(test)]
 mod oracle;
+mod passage;
 mod program;
 mod relaxation;
 mod repair;

@@ -39,6 +39,8 @@ pub(super) struct ClassGraph {
     successors: Lists,
     predecessors: Lists,
     weights: Vec<u32>,
+    /// The same weights as they were given; not kept in part of a graph.
+    given: Vec<f64>,
 }
 
 impl ClassGraph {
@@ -50,6 +52,18 @@ impl ClassGraph {
     /// Nodes from which one edge leads to `node`, ascending.
     pub(super) fn predecessors(&self, node: usize) -> &[u16] {
         self.predecessors.get(node)
+    }
+
+    /// The place of the edge from `from` to `to` in all lists of edges, if there is one.
+    fn edge(&self, from: usize, to: usize) -> Option<usize> {
+        let range = self.successors.range(from);
+        let place = self.successors.items.get(range.clone())?.binary_search(&(to as u16)).ok()?;
+        Some(range.start + place)
+    }
+
+    /// The scaled weight of the edge from `from` to `to`; 0 without one.
+    pub(super) fn weight_to(&self, from: usize, to: usize) -> u32 {
+        self.edge(from, to).map_or(0, |edge| self.weights[edge])
     }
 
     /// Scaled weights of the edges to [`Self::successors`], at least 1.
@@ -91,8 +105,9 @@ pub struct Network {
     pub(super) kind_of: Vec<usize>,
     /// Capacities of the nodes and conflict sets that can be overfilled at all.
     pub(super) capacities: Vec<u16>,
-    /// Which of them each node draws on.
+    /// Which of them each node draws on, and which nodes draw on each.
     pub(super) resources: Lists,
+    pub(super) users: Lists,
     /// By node, what taking an edge from there draws on in the step: (where to, resource).
     crossings: Vec<Vec<(u16, u16)>>,
 }
@@ -141,7 +156,7 @@ impl Network {
             });
             kind_of.push(kind);
         }
-        let Limited { capacities, resources, crossings } = limited_resources(&instance);
+        let Limited { capacities, resources, users, crossings } = limited_resources(&instance);
         Ok(Self {
             is_arm,
             arms,
@@ -151,6 +166,7 @@ impl Network {
             kind_of,
             capacities,
             resources,
+            users,
             crossings,
             instance,
         })
@@ -210,11 +226,7 @@ impl Network {
         route
             .windows(2)
             .filter(|ends| ends[0] != ends[1])
-            .map(|ends| {
-                let from = ends[0] as usize;
-                let place = graph.successors(from).binary_search(&ends[1]);
-                place.map_or(0, |place| u64::from(graph.weights(from)[place]))
-            })
+            .map(|ends| u64::from(graph.weight_to(ends[0] as usize, ends[1] as usize)))
             .sum()
     }
 
@@ -225,16 +237,8 @@ impl Network {
 
     /// The true weight of the edge from `from` to `to` for `object`.
     pub(super) fn weight_of(&self, object: usize, from: usize, to: usize) -> f64 {
-        let class = self.instance.objects[object].class;
-        self.instance
-            .edges
-            .iter()
-            .filter(|edge| {
-                edge.from.0 == from && edge.to.0 == to && edge.class.is_none_or(|only| only == class)
-            })
-            .map(|edge| edge.weight)
-            .min_by(f64::total_cmp)
-            .unwrap_or(0.0)
+        let graph = self.graph(object);
+        graph.edge(from, to).and_then(|edge| graph.given.get(edge).copied()).unwrap_or(0.0)
     }
 }
 
@@ -270,22 +274,22 @@ fn closed_nodes(instance: &Instance) -> Vec<bool> {
 
 fn class_edges(instance: &Instance, class: usize, closed: &[bool], unit: f64) -> ClassGraph {
     let count = instance.nodes.len();
-    let mut out: Vec<BTreeMap<u16, u32>> = vec![BTreeMap::new(); count];
+    let mut out: Vec<BTreeMap<u16, f64>> = vec![BTreeMap::new(); count];
     let mut back: Vec<Vec<u16>> = vec![Vec::new(); count];
     for edge in &instance.edges {
         if edge.class.is_some_and(|only| only != class) || closed[edge.to.0] {
             continue;
         }
-        let weight = 1 + (edge.weight / unit).round() as u32;
         let entry = out[edge.from.0].entry(edge.to.0 as u16).or_insert_with(|| {
             back[edge.to.0].push(edge.from.0 as u16);
-            weight
+            edge.weight
         });
-        *entry = weight.min(*entry);
+        *entry = edge.weight.min(*entry);
     }
     let mut graph = ClassGraph::default();
     for (out, mut back) in out.into_iter().zip(back) {
-        graph.weights.extend(out.values());
+        graph.weights.extend(out.values().map(|weight| 1 + (weight / unit).round() as u32));
+        graph.given.extend(out.values());
         graph.successors.push(out.into_keys());
         back.sort_unstable();
         graph.predecessors.push(back);
@@ -340,6 +344,7 @@ pub(super) fn distances<'a>(sources: &[u16], count: usize, next: impl Fn(usize) 
 struct Limited {
     capacities: Vec<u16>,
     resources: Lists,
+    users: Lists,
     crossings: Vec<Vec<(u16, u16)>>,
 }
 
@@ -406,9 +411,12 @@ fn limited_resources(instance: &Instance) -> Limited {
             }
         }
     }
-    let mut resources = Lists::default();
-    for list in of_node {
-        resources.push(list);
+    let mut of_resource: Vec<Vec<u16>> = vec![Vec::new(); capacities.len()];
+    for (node, list) in of_node.iter().enumerate() {
+        list.iter().for_each(|&resource| of_resource[resource as usize].push(node as u16));
     }
-    Limited { capacities, resources, crossings }
+    let (mut resources, mut users) = (Lists::default(), Lists::default());
+    of_node.into_iter().for_each(|list| resources.push(list));
+    of_resource.into_iter().for_each(|list| users.push(list));
+    Limited { capacities, resources, users, crossings }
 }

@@ -1,5 +1,5 @@
 //! Search for a plan of a given length: routes are planned one object after another with conflicts
-//! allowed at a price, then neighbourhoods of 2 to 9 objects around a conflict are taken out and
+//! allowed at a price, then neighbourhoods of 2 to 6 objects around a conflict are taken out and
 //! planned again until no conflict is left. Cells that stay contested grow dearer (negotiated
 //! congestion).
 //!
@@ -17,7 +17,7 @@ use rand::Rng as _;
 use rand::seq::{IndexedRandom as _, SliceRandom as _};
 
 /// Largest neighbourhood.
-const LARGEST: usize = 9;
+const LARGEST: usize = 6;
 /// By how much the price of a contested cell grows.
 const RAISE: u32 = 4;
 
@@ -30,7 +30,6 @@ pub(super) struct Repair<'a> {
     search: RouteSearch,
     routes: Vec<Route>,
     rng: Rng,
-    cells: Vec<(usize, usize)>,
     chosen: Vec<usize>,
 }
 
@@ -45,7 +44,6 @@ impl<'a> Repair<'a> {
             search: RouteSearch::default(),
             routes: Vec::new(),
             rng,
-            cells: Vec::new(),
             chosen: Vec::new(),
         }
     }
@@ -74,6 +72,15 @@ impl<'a> Repair<'a> {
         &mut self.search.bias
     }
 
+    /// By arm, whether it should take in odd steps; `None` for no beat.
+    pub(super) fn beat(&mut self, turns: Option<&[bool]>) {
+        let beat = &mut self.search.beat;
+        beat.clear();
+        if let Some(turns) = turns {
+            beat.extend(self.network.arm_number.iter().map(|&arm| turns.get(arm).copied()));
+        }
+    }
+
     /// Whether routes may rest on any slot, or only on one of each neighbourhood.
     pub(super) fn all_slots(&mut self, all: bool) {
         self.search.all_slots = all;
@@ -94,17 +101,17 @@ impl<'a> Repair<'a> {
     /// says stop.
     pub(super) fn run(&mut self, rounds: usize, control: &Control) -> bool {
         for round in 0..=rounds {
-            self.timetable.overfilled(self.network, &mut self.cells);
-            if self.cells.is_empty() {
+            let overfilled = self.timetable.overfilled();
+            if overfilled == 0 {
                 return true;
             }
             if round == rounds || (round % 16 == 15 && control.should_stop()) {
                 return false;
             }
-            let cell = self.cells[self.rng.random_range(0..self.cells.len())];
+            let cell = self.timetable.overfilled_cell(self.rng.random_range(0..overfilled));
             self.choose_around(cell);
             self.replan(false);
-            self.timetable.raise(cell.0, cell.1, RAISE);
+            self.timetable.raise(self.network, cell.0, cell.1, RAISE);
         }
         false
     }
@@ -175,7 +182,8 @@ impl<'a> Repair<'a> {
 
     fn plan(&mut self, object: usize, noise: u64) -> bool {
         let start = self.start[object] as usize;
-        match self.search.cheapest(self.network, &self.timetable, &self.tolls, object, start, noise) {
+        let old = &self.routes[object];
+        match self.search.cheapest(self.network, &self.timetable, &self.tolls, object, start, old, noise) {
             Some(route) => {
                 self.routes[object] = route;
                 self.enter(object);
@@ -204,7 +212,7 @@ impl<'a> Repair<'a> {
         } else {
             0
         };
-        (self.timetable.priced_conflicts(self.network), tolls, weight)
+        (self.timetable.priced_conflicts(), tolls, weight)
     }
 
     /// Sum of the tolls of all routes; a pair, and a block, counts at both its sides.

@@ -13,6 +13,8 @@ const TOLL: u64 = 1 << 26;
 const LATE: u64 = 1;
 /// Cost of one unit of bias: more than any weight.
 pub(super) const BIAS: u64 = 1 << 16;
+/// Cost of being taken by an arm off its beat: more than all bias of a route, less than a conflict.
+const OFF_BEAT: u64 = 1 << 28;
 /// Cost of waiting in a hand for one step: elsewhere it keeps nobody from working.
 const HOLD: u64 = 1 << 18;
 /// Weights are shifted up by this, to leave room for ties.
@@ -29,6 +31,9 @@ pub(super) struct RouteSearch {
     /// What being at a node before a step, or entering it in the step, costs beyond conflicts, by
     /// step, then node; empty for nothing.
     pub(super) bias: Vec<u64>,
+    /// By node, whether it is an arm that should take in odd steps, or one that should in even ones;
+    /// empty for no beat.
+    pub(super) beat: Vec<Option<bool>>,
     /// What entering each node costs in the step that is looked at, where that is known yet; else
     /// `u64::MAX`.
     entry: Vec<u64>,
@@ -37,9 +42,10 @@ pub(super) struct RouteSearch {
 
 impl RouteSearch {
     /// Finds the cheapest route of `object` from `start` to its goal within the horizon of
-    /// `timetable`, in which its own old route is not entered. Conflicts with other routes cost
+    /// `timetable`, in which its own old route `old` is not entered. Conflicts with other routes cost
     /// most, then tolls, then weight. Ties are broken by `noise`. `None` if the horizon is too
-    /// short even for an object that is alone.
+    /// short even for an object that is alone. An old route of the same length makes the search quicker:
+    /// nothing dearer is looked at.
     pub(super) fn cheapest(
         &mut self,
         network: &Network,
@@ -47,9 +53,14 @@ impl RouteSearch {
         tolls: &Tolls,
         object: usize,
         start: usize,
+        old: &[u16],
         noise: u64,
     ) -> Option<Route> {
         let horizon = timetable.horizon;
+        let most = match old.len() == horizon + 1 {
+            true => self.cost_of(network, timetable, tolls, object, old) + JITTER * horizon as u64,
+            false => u64::MAX - 1,
+        };
         let count = network.node_count();
         let kind = network.kind(object);
         let graph = if self.all_slots { network.graph(object) } else { &kind.lean };
@@ -85,7 +96,7 @@ impl RouteSearch {
                 let so_far = self.cost[now][node];
                 self.cost[now][node] = u64::MAX;
                 let mut base = so_far
-                    + CONFLICT * timetable.presence(network, node, step)
+                    + CONFLICT * timetable.presence(node, step)
                     + self.bias.get(step * count + node).copied().unwrap_or(0)
                     + if kind.is_goal[node] { 0 } else { LATE };
                 if tolled {
@@ -95,10 +106,10 @@ impl RouteSearch {
                     let wait = if network.is_arm[node] { HOLD } else { 0 };
                     let cost = base + wait + jitter(noise, node, node, step);
                     let known = &mut self.cost[then][node];
-                    if *known == u64::MAX {
-                        reached.push(node as u16);
-                    }
-                    if cost < *known {
+                    if cost < *known && cost <= most {
+                        if *known == u64::MAX {
+                            reached.push(node as u16);
+                        }
                         *known = cost;
                         self.parent[parents + node] = node as u16;
                     }
@@ -110,12 +121,11 @@ impl RouteSearch {
                         continue;
                     }
                     let mut cost = base + (u64::from(weight) << WEIGHT_SHIFT);
-                    if cost >= self.cost[then][next] {
+                    if cost >= self.cost[then][next] || cost > most {
                         continue;
                     }
                     if self.entry[next] == u64::MAX {
-                        let biased = self.bias.get(step * count + next).copied().unwrap_or(0);
-                        self.entry[next] = biased + CONFLICT * timetable.entry(network, next, step);
+                        self.entry[next] = self.entering(timetable, count, next, step);
                         self.entered.push(next as u16);
                     }
                     cost += self.entry[next] + jitter(noise, node, next, step);
@@ -126,10 +136,10 @@ impl RouteSearch {
                         cost += TOLL * tolls.of_move(object, node, next, step);
                     }
                     let known = &mut self.cost[then][next];
-                    if *known == u64::MAX {
-                        reached.push(next as u16);
-                    }
-                    if cost < *known {
+                    if cost < *known && cost <= most {
+                        if *known == u64::MAX {
+                            reached.push(next as u16);
+                        }
                         *known = cost;
                         self.parent[parents + next] = node as u16;
                     }
@@ -152,7 +162,55 @@ impl RouteSearch {
         }
         Some(route)
     }
+
+    /// What entering `node` in `step` costs beyond weight and tolls.
+    fn entering(&self, timetable: &Timetable, count: usize, node: usize, step: usize) -> u64 {
+        let biased = self.bias.get(step * count + node).copied().unwrap_or(0);
+        let on_beat = match self.beat.get(node) {
+            Some(&Some(odd)) => odd == (step % 2 == 1),
+            _ => true,
+        };
+        biased + if on_beat { 0 } else { OFF_BEAT } + CONFLICT * timetable.entry(node, step)
+    }
+
+    /// What a route costs, ties aside.
+    fn cost_of(
+        &self,
+        network: &Network,
+        timetable: &Timetable,
+        tolls: &Tolls,
+        object: usize,
+        route: &[u16],
+    ) -> u64 {
+        let count = network.node_count();
+        let kind = network.kind(object);
+        let graph = network.graph(object);
+        let mut sum = 0;
+        for (step, ends) in route.windows(2).enumerate() {
+            let (node, next) = (ends[0] as usize, ends[1] as usize);
+            sum += CONFLICT * timetable.presence(node, step)
+                + self.bias.get(step * count + node).copied().unwrap_or(0)
+                + if kind.is_goal[node] { 0 } else { LATE };
+            if !tolls.is_empty() {
+                sum += TOLL * tolls.of_presence(object, node, step);
+            }
+            if node == next {
+                sum += if network.is_arm[node] { HOLD } else { 0 };
+                continue;
+            }
+            sum += u64::from(graph.weight_to(node, next)) << WEIGHT_SHIFT;
+            sum += self.entering(timetable, count, next, step);
+            sum += CONFLICT * timetable.crossing(network, node, next, step);
+            if !tolls.is_empty() {
+                sum += TOLL * tolls.of_move(object, node, next, step);
+            }
+        }
+        sum
+    }
 }
+
+/// Most that ties add to the cost of a step.
+const JITTER: u64 = 0x1f;
 
 /// A few pseudo-random low bits for each (move, step), none for `noise` 0.
 fn jitter(noise: u64, from: usize, to: usize, step: usize) -> u64 {
@@ -160,5 +218,5 @@ fn jitter(noise: u64, from: usize, to: usize, step: usize) -> u64 {
         return 0;
     }
     let key = (from as u64) | ((to as u64) << 16) | ((step as u64) << 32);
-    ((key ^ noise).wrapping_mul(0x9e37_79b9_7f4a_7c15) >> 58) & 0x1f
+    ((key ^ noise).wrapping_mul(0x9e37_79b9_7f4a_7c15) >> 58) & JITTER
 }

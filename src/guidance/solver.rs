@@ -3,6 +3,7 @@
 //! Each layer alone is correct; cheap ones come first, and a layer is only asked about the gap
 //! that the layers before it left.
 
+use super::beat::turns;
 use super::bounds::{Reach, static_load};
 use super::cuts::Cuts;
 use super::exhaustive::{Exhaustive, Verdict};
@@ -63,7 +64,7 @@ impl Effort {
         Self {
             first_rounds: 60,
             first_refutations: 60,
-            repair_rounds: 4_000,
+            repair_rounds: 16_000,
             refutations: 1_500,
             batch: 60_000_000,
             states: 100_000,
@@ -148,10 +149,17 @@ fn solve_timed(
         proof: Proof::Bounds,
         repair: Repair::new(network, &start, seed.stream("guidance/repair")),
         relaxation,
-        exhaustive: Exhaustive::new(network),
+        exhaustive: None,
         states: effort.states,
         best: None,
         hint,
+        turns: None,
+        attempts: ["guidance/near", "guidance/far"].map(|name| Attempt {
+            repair: Repair::new(network, &start, seed.stream(name)),
+            horizon: usize::MAX,
+            rounds: 0,
+            tries: 0,
+        }),
     };
     Ok(run.solve())
 }
@@ -161,7 +169,7 @@ const OPENING: usize = 6;
 /// States that the exhaustive search expands at each horizon before a longer one is tried.
 const FIRST_STATES: usize = 150;
 /// Objects in a neighbourhood, on average.
-const USUAL_NEIGHBOURHOOD: usize = 6;
+const USUAL_NEIGHBOURHOOD: usize = 4;
 /// Horizons that fail before it is suspected that there is no plan at all.
 const SUSPICIOUS: usize = 5;
 /// States looked at upon that suspicion.
@@ -180,14 +188,39 @@ struct Run<'a> {
     lower: usize,
     repair: Repair<'a>,
     relaxation: Relaxation,
-    exhaustive: Option<Exhaustive<'a>>,
+    /// The exhaustive search, once it was asked for; `None` in it where states are too large for it.
+    exhaustive: Option<Option<Exhaustive<'a>>>,
     /// What is left for the exhaustive search.
     states: usize,
     best: Option<Solution>,
     hint: Option<&'a Solution>,
+    /// By arm, when it takes on the beat; once that was asked for.
+    turns: Option<Vec<bool>>,
+    /// The search for shorter plans, one step shorter ([`NEAR`]) and as short as may be ([`FAR`]).
+    attempts: [Attempt<'a>; 2],
 }
 
-impl Run<'_> {
+const NEAR: usize = 0;
+const FAR: usize = 1;
+
+/// Bound on the pairs of a node and a step that the relaxation looks at in 64 rounds: many of its rounds
+/// are worth their while on small instances only.
+const RELAXED: usize = 4_000_000;
+
+/// Rounds of repair after which an attempt is begun anew.
+const PATIENCE: usize = 6_000;
+
+/// Repair at one horizon that goes on over several shares of effort.
+struct Attempt<'a> {
+    repair: Repair<'a>,
+    horizon: usize,
+    /// Rounds since it was begun.
+    rounds: usize,
+    /// How often it was begun.
+    tries: usize,
+}
+
+impl<'a> Run<'a> {
     fn solve(mut self) -> Answer {
         if !self.cuts.is_empty() {
             self.under_cuts();
@@ -260,7 +293,9 @@ impl Run<'_> {
 
     /// Tries to refute the horizon `lower`.
     fn refute(&mut self, rounds: usize) -> bool {
-        let rounds = self.affordable(rounds, self.network.object_count(), self.lower);
+        let routes = self.network.object_count();
+        let most = RELAXED / (routes * self.network.node_count() * self.lower).max(1);
+        let rounds = self.affordable(rounds, routes, self.lower).min(most * rounds / 64 + 1);
         self.relaxation.refute(self.network, self.start, rounds)
     }
 
@@ -276,6 +311,7 @@ impl Run<'_> {
 
     fn keep(&mut self) {
         self.repair.bias().clear();
+        self.repair.beat(None);
         self.repair.polish(self.effort.polish_rounds, self.control);
         let found = self.repair.solution();
         if found.steps.len() < self.steps() {
@@ -327,10 +363,13 @@ impl Run<'_> {
                 continue;
             }
             self.repair.all_slots(true);
+            let turns = self.turns();
+            self.repair.beat(Some(&turns));
             if self.begin(horizon, true) && self.mend(self.effort.first_rounds, horizon) {
                 self.keep();
                 return None;
             }
+            self.repair.beat(None);
             if self.control.should_stop() {
                 return None;
             }
@@ -343,7 +382,8 @@ impl Run<'_> {
     /// Looks at all states that can be reached, if they are at most `states`: for the reason why there
     /// is no plan, or for any plan.
     fn exhaust(&mut self, states: usize) -> Option<Infeasible> {
-        match self.exhaustive.as_mut()?.all(self.start, states.min(self.effort.states)) {
+        let (start, states) = (self.start, states.min(self.effort.states));
+        match self.exhaustive()?.all(start, states) {
             Verdict::Refuted(states) => return Some(Infeasible::Exhausted(states)),
             Verdict::Found(states) => self.keep_states(&states),
             Verdict::Limit => {}
@@ -359,14 +399,21 @@ impl Run<'_> {
         self.keep();
     }
 
+    /// The exhaustive search, if states are small enough for it.
+    fn exhaustive(&mut self) -> Option<&mut Exhaustive<'a>> {
+        self.exhaustive.get_or_insert_with(|| Exhaustive::new(self.network)).as_mut()
+    }
+
     /// Exhaustive search at `horizon`: true if it found a plan or raised the lower bound beyond.
     fn search(&mut self, horizon: usize, states: usize) -> bool {
         let states = states.min(self.states);
-        let Some(exhaustive) = self.exhaustive.as_mut().filter(|_| states > 0) else {
+        let start = self.start;
+        let Some(exhaustive) = self.exhaustive().filter(|_| states > 0) else {
             return false;
         };
+        let verdict = exhaustive.within(start, horizon, states);
         self.states -= states;
-        match exhaustive.within(self.start, horizon, states) {
+        match verdict {
             Verdict::Found(states) => {
                 self.keep_states(&states);
                 true
@@ -382,17 +429,23 @@ impl Run<'_> {
         }
     }
 
-    /// Closes the gap from both sides, with shares of effort that double.
+    /// Closes the gap from both sides, with shares of effort that double: by plans of one step less than
+    /// the best, by plans as short as nothing is known against, and by proofs that there are none.
     fn close(&mut self) {
         let (mut repairs, mut refutations) = (self.effort.repair_rounds, self.effort.refutations);
         let mut share = 1;
         while self.best.is_some() && !self.is_over() {
             let horizon = self.steps() - 1;
-            let rounds = (16 * share).min(repairs);
-            repairs -= rounds;
-            self.repair.all_slots(share % 2 == 0);
-            if rounds > 0 && self.begin(horizon, true) && self.mend(rounds, horizon) {
-                self.keep();
+            let mut found = false;
+            for (which, horizon, rounds) in [(NEAR, horizon, 16 * share), (FAR, self.lower, 16 * share)] {
+                let rounds = rounds.min(repairs);
+                let twice = which == FAR && horizon + 1 == self.steps();
+                if rounds > 0 && !twice && !found && !self.control.should_stop() {
+                    repairs -= rounds;
+                    found = self.attempt(which, horizon, rounds);
+                }
+            }
+            if found {
                 (repairs, share) = (self.effort.repair_rounds, 1);
                 continue;
             }
@@ -406,12 +459,43 @@ impl Run<'_> {
             if self.search(horizon, 50 * share) {
                 continue;
             }
-            let states_left = self.exhaustive.is_some() && self.states > 0;
+            let states_left = self.states > 0 && self.exhaustive().is_some();
             if repairs == 0 && refutations == 0 && !states_left {
                 return;
             }
             share *= 2;
         }
+    }
+
+    /// By arm, when it takes on the beat.
+    fn turns(&mut self) -> Vec<bool> {
+        self.turns.get_or_insert_with(|| turns(self.network, self.start, self.reach)).clone()
+    }
+
+    /// Goes on with the attempt at `horizon`, or begins one; true if it came to a plan.
+    fn attempt(&mut self, which: usize, horizon: usize, rounds: usize) -> bool {
+        let Attempt { repair, horizon: old, rounds: spent, tries } = &mut self.attempts[which];
+        std::mem::swap(repair, &mut self.repair);
+        let (fresh, tried) = (*old != horizon || *spent >= PATIENCE, *tries);
+        if fresh {
+            (*old, *spent, *tries) = (horizon, 0, tried + 1);
+        }
+        *spent += rounds;
+        if fresh {
+            // On the beat, off it, and on the other.
+            let turned: Vec<bool> = self.turns().iter().map(|turn| turn ^ (tried % 3 == 2)).collect();
+            self.repair.beat((tried % 3 != 1).then_some(&turned));
+            self.repair.all_slots(tried % 2 == 1);
+        }
+        let found = (!fresh || self.begin(horizon, true)) && self.mend(rounds, horizon);
+        if found {
+            self.keep();
+        }
+        std::mem::swap(&mut self.attempts[which].repair, &mut self.repair);
+        if found {
+            self.attempts[which].horizon = usize::MAX;
+        }
+        found
     }
 
     /// The plan with the least sum of steps and penalties that is found at a few horizons.

@@ -17,10 +17,21 @@ pub(super) struct Timetable {
     pub(super) horizon: usize,
     /// Number of limited resources.
     width: usize,
+    /// Number of nodes.
+    nodes: usize,
     load: Vec<u16>,
     enters: Vec<u16>,
     /// Extra price of an overfilled cell, grown by cells that stay overfilled.
     price: Vec<u32>,
+    /// Sum over all cells of what they hold too much, each weighed with its price.
+    conflicts: u64,
+    /// What being at a node before a step costs, and entering it, on top of the routes entered; by step,
+    /// then node.
+    presence: Vec<u64>,
+    entry: Vec<u64>,
+    /// The overfilled cells, and by cell its place among them.
+    over: Vec<u32>,
+    place: Vec<u32>,
 }
 
 impl Timetable {
@@ -35,23 +46,88 @@ impl Timetable {
         self.enters.resize(cells, 0);
         self.price.clear();
         self.price.resize(cells, 0);
+        self.nodes = network.node_count();
+        for toll in [&mut self.presence, &mut self.entry] {
+            toll.clear();
+            toll.resize(horizon * self.nodes, 0);
+        }
+        for (resource, _) in network.capacities.iter().enumerate().filter(|&(_, &capacity)| capacity == 0) {
+            for &node in network.users.get(resource) {
+                (0..horizon)
+                    .for_each(|step| self.entry[step * self.nodes + node as usize] += u64::from(PRICE));
+            }
+        }
+        self.conflicts = 0;
+        self.over.clear();
+        self.place.clear();
+        self.place.resize(cells, NOWHERE);
     }
 
     fn visit(&mut self, network: &Network, route: &[u16], sign: u16) {
         for (step, pair) in route.windows(2).enumerate() {
-            let row = step * self.width;
             for &resource in network.resources.get(pair[0] as usize) {
-                let cell = row + resource as usize;
-                self.load[cell] = self.load[cell].wrapping_add(sign);
+                self.change(network, step, resource, sign, 0);
             }
             if pair[0] != pair[1] {
                 let entered = network.resources.get(pair[1] as usize).iter().copied();
                 for resource in entered.chain(network.crossing(pair[0] as usize, pair[1] as usize)) {
-                    let cell = row + resource as usize;
-                    self.load[cell] = self.load[cell].wrapping_add(sign);
-                    self.enters[cell] = self.enters[cell].wrapping_add(sign);
+                    self.change(network, step, resource, sign, sign);
                 }
             }
+        }
+    }
+
+    fn change(&mut self, network: &Network, step: usize, resource: u16, load: u16, enters: u16) {
+        let cell = step * self.width + resource as usize;
+        let capacity = network.capacities[resource as usize];
+        let (before, tolls) = (self.excess(capacity, cell), self.tolls(capacity, cell));
+        self.load[cell] = self.load[cell].wrapping_add(load);
+        self.enters[cell] = self.enters[cell].wrapping_add(enters);
+        let after = self.excess(capacity, cell);
+        self.retoll(network, step, resource, tolls);
+        if before == after {
+            return;
+        }
+        let unit = u64::from(PRICE + self.price[cell]);
+        self.conflicts = self.conflicts - u64::from(before) * unit + u64::from(after) * unit;
+        if before == 0 {
+            self.place[cell] = self.over.len() as u32;
+            self.over.push(cell as u32);
+        } else if after == 0 {
+            let place = std::mem::replace(&mut self.place[cell], NOWHERE) as usize;
+            self.over.swap_remove(place);
+            if let Some(&moved) = self.over.get(place) {
+                self.place[moved as usize] = place as u32;
+            }
+        }
+    }
+
+    /// What drawing on a cell costs by being there, and by entering.
+    fn tolls(&self, capacity: u16, cell: usize) -> (u64, u64) {
+        let (load, enters) = (self.load[cell], self.enters[cell]);
+        if load < capacity {
+            return (0, 0);
+        }
+        let unit = u64::from(PRICE + self.price[cell]);
+        if enters > 0 {
+            (unit, unit)
+        } else {
+            // Where nothing entered so far, an entry makes all the excess count.
+            (0, u64::from(load - capacity + 1) * unit)
+        }
+    }
+
+    /// Tells the nodes that draw on a cell of its tolls, which were `before`.
+    fn retoll(&mut self, network: &Network, step: usize, resource: u16, before: (u64, u64)) {
+        let cell = step * self.width + resource as usize;
+        let after = self.tolls(network.capacities[resource as usize], cell);
+        if before == after {
+            return;
+        }
+        for &node in network.users.get(resource as usize) {
+            let place = step * self.nodes + node as usize;
+            self.presence[place] = self.presence[place] - before.0 + after.0;
+            self.entry[place] = self.entry[place] - before.1 + after.1;
         }
     }
 
@@ -70,72 +146,50 @@ impl Timetable {
     }
 
     /// Sum over all cells of what they hold too much, each weighed with its price.
-    pub(super) fn priced_conflicts(&self, network: &Network) -> u64 {
-        let mut sum = 0;
-        for row in 0..self.horizon {
-            for (resource, &capacity) in network.capacities.iter().enumerate() {
-                let cell = row * self.width + resource;
-                let excess = self.excess(capacity, cell);
-                if excess > 0 {
-                    sum += u64::from(excess) * u64::from(PRICE + self.price[cell]);
-                }
-            }
-        }
-        sum
+    pub(super) fn priced_conflicts(&self) -> u64 {
+        self.conflicts
     }
 
-    /// The overfilled cells as (step, resource).
-    pub(super) fn overfilled(&self, network: &Network, cells: &mut Vec<(usize, usize)>) {
-        cells.clear();
-        for step in 0..self.horizon {
-            for (resource, &capacity) in network.capacities.iter().enumerate() {
-                if self.excess(capacity, step * self.width + resource) > 0 {
-                    cells.push((step, resource));
-                }
-            }
-        }
+    /// How many cells are overfilled.
+    pub(super) fn overfilled(&self) -> usize {
+        self.over.len()
+    }
+
+    /// The overfilled cell of number `index`, as (step, resource).
+    pub(super) fn overfilled_cell(&self, index: usize) -> (usize, usize) {
+        let cell = self.over[index] as usize;
+        (cell / self.width, cell % self.width)
     }
 
     /// Raises the price of a cell.
-    pub(super) fn raise(&mut self, step: usize, resource: usize, by: u32) {
-        let price = &mut self.price[step * self.width + resource];
-        *price = price.saturating_add(by).min(1 << 20);
+    pub(super) fn raise(&mut self, network: &Network, step: usize, resource: usize, by: u32) {
+        let cell = step * self.width + resource;
+        let raised = self.price[cell].saturating_add(by).min(1 << 20);
+        let by = raised - self.price[cell];
+        let tolls = self.tolls(network.capacities[resource], cell);
+        self.price[cell] = raised;
+        self.retoll(network, step, resource as u16, tolls);
+        let excess = self.excess(network.capacities[resource], cell);
+        self.conflicts += u64::from(excess) * u64::from(by);
     }
 
     /// Price of being at `node` before `step`, on top of the routes entered.
-    pub(super) fn presence(&self, network: &Network, node: usize, step: usize) -> u64 {
-        let mut sum = 0;
-        for &resource in network.resources.get(node) {
-            let cell = step * self.width + resource as usize;
-            if self.enters[cell] > 0 && self.load[cell] >= network.capacities[resource as usize] {
-                sum += u64::from(PRICE + self.price[cell]);
-            }
-        }
-        sum
+    pub(super) fn presence(&self, node: usize, step: usize) -> u64 {
+        self.presence[step * self.nodes + node]
     }
 
     /// Price of entering `node` in `step`, on top of the routes entered.
-    pub(super) fn entry(&self, network: &Network, node: usize, step: usize) -> u64 {
-        self.draw(network, network.resources.get(node).iter().copied(), step)
+    pub(super) fn entry(&self, node: usize, step: usize) -> u64 {
+        self.entry[step * self.nodes + node]
     }
 
     /// Price of taking an edge in `step` beyond that of entering its end.
     pub(super) fn crossing(&self, network: &Network, from: usize, to: usize, step: usize) -> u64 {
-        self.draw(network, network.crossing(from, to), step)
-    }
-
-    fn draw(&self, network: &Network, resources: impl Iterator<Item = u16>, step: usize) -> u64 {
-        let mut sum = 0;
-        for resource in resources {
-            let cell = step * self.width + resource as usize;
+        let toll = |resource: u16| {
             let capacity = network.capacities[resource as usize];
-            if self.load[cell] >= capacity {
-                // Where nothing entered so far, this entry makes all the excess count.
-                let excess = if self.enters[cell] == 0 { self.load[cell] - capacity + 1 } else { 1 };
-                sum += u64::from(excess) * u64::from(PRICE + self.price[cell]);
-            }
-        }
-        sum
+            self.tolls(capacity, step * self.width + resource as usize).1
+        };
+        network.crossing(from, to).map(toll).sum()
     }
 
     /// Whether a route draws on `resource` in `step`.
@@ -147,6 +201,9 @@ impl Timetable {
             || from != to && network.crossing(from, to).any(|drawn| drawn == resource)
     }
 }
+
+/// Place of a cell that is not overfilled.
+const NOWHERE: u32 = u32::MAX;
 
 /// Price of one conflict before any raise.
 pub(super) const PRICE: u32 = 16;

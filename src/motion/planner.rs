@@ -12,7 +12,7 @@ use super::arm_path::{Avoid, find_path};
 use super::composite;
 use super::legs::{Legs, time_legs};
 use super::roadmap::Roadmap;
-use super::schedule::{Conflict, schedule};
+use super::schedule::{Conflict, PairTimes, schedule};
 use super::task::{ArmGoal, StepTask};
 use super::timed::StepMotion;
 
@@ -136,18 +136,20 @@ impl<'a> StepPlanner<'a> {
         let mut round = Round { idle: vec![Idle::Ahead; count], avoid: vec![Vec::new(); count] };
         let mut disputes = std::collections::BTreeMap::<(usize, usize), usize>::new();
         let mut failure = None;
+        let mut legs: Vec<Legs> = Vec::with_capacity(count);
+        let mut known = PairTimes::default();
+        // Those whose ways are planned in the round; what the others do stays as it was.
+        let mut fresh: Vec<usize> = (0..count).collect();
         for _ in 0..if thorough { ROUNDS } else { FIRST_ROUNDS } {
             if control.should_stop() {
                 return Err(StepFailure::Stopped);
             }
-            let legs = match self.all_legs(task, &mut round, control) {
-                Ok(legs) => legs,
-                Err(stuck) => {
-                    failure.get_or_insert(StepFailure::Stuck(ArmId(stuck)));
-                    break;
-                }
-            };
-            match schedule(self.world, task, &legs, control) {
+            if let Err(stuck) = self.renew_legs(task, &mut round, &fresh, &mut legs, control) {
+                failure.get_or_insert(StepFailure::Stuck(ArmId(stuck)));
+                break;
+            }
+            known.forget(&fresh);
+            match schedule(self.world, task, &legs, &mut known, control) {
                 Ok(motion) => return Ok(motion),
                 Err(None) => return Err(failure.unwrap_or(StepFailure::Stopped)),
                 Err(Some(conflict)) => {
@@ -160,6 +162,10 @@ impl<'a> StepPlanner<'a> {
                     *dispute += 1;
                     let dispute = *dispute;
                     self.settle(task, &mut round, conflict, dispute);
+                    let both = [conflict.first, conflict.second];
+                    let avoids_them =
+                        |arm: &usize| round.avoid[*arm].iter().any(|(other, _)| both.contains(other));
+                    fresh = (0..count).filter(|arm| both.contains(arm) || avoids_them(arm)).collect();
                 }
             }
         }
@@ -206,16 +212,18 @@ impl<'a> StepPlanner<'a> {
         })
     }
 
-    /// Paths and timed legs of all arms under the round's terms; the arm that is stuck otherwise.
-    fn all_legs(
+    /// Paths and timed legs of the arms `fresh` under the round's terms, in place of their old ones in
+    /// `all` (or appended, where there are none yet); the arm that is stuck otherwise.
+    fn renew_legs(
         &mut self,
         task: &StepTask,
         round: &mut Round,
+        fresh: &[usize],
+        all: &mut Vec<Legs>,
         control: &Control,
-    ) -> Result<Vec<Legs>, usize> {
+    ) -> Result<(), usize> {
         let resting = self.world.resting_atoms(&task.scene);
-        let mut all = Vec::with_capacity(task.arms.len());
-        for index in 0..task.arms.len() {
+        for &index in fresh {
             let arm = &task.arms[index];
             let from = arm
                 .departure
@@ -238,9 +246,12 @@ impl<'a> StepPlanner<'a> {
                     self.legs(task, index, (&from, &from), &avoid, &resting, control).ok_or(index)?
                 }
             };
-            all.push(legs);
+            match all.get_mut(index) {
+                Some(old) => *old = legs,
+                None => all.push(legs),
+            }
         }
-        Ok(all)
+        Ok(())
     }
 
     fn legs(

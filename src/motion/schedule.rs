@@ -41,14 +41,28 @@ struct Timing {
     end: f64,
 }
 
-/// Finds delays under which all legs are certified apart.
+/// Which pairs of arms are kept apart by how their times lie to each other (ns), as far as that was
+/// looked at; good for the legs that it was found out with.
+#[derive(Debug, Default)]
+pub(super) struct PairTimes(BTreeMap<(usize, usize, [i64; 3]), bool>);
+
+impl PairTimes {
+    /// Forgets what involves any of `arms`, whose legs are others now.
+    pub(super) fn forget(&mut self, arms: &[usize]) {
+        self.0.retain(|(first, second, _), _| !arms.contains(first) && !arms.contains(second));
+    }
+}
+
+/// Finds delays under which all legs are certified apart. `known` holds what was found out about pairs
+/// of these legs before, and takes in what is found out now.
 pub(super) fn schedule(
     world: &CollisionWorld,
     task: &StepTask,
     legs: &[Legs],
+    known: &mut PairTimes,
     control: &Control,
 ) -> Result<StepMotion, Option<Conflict>> {
-    let mut search = Search::new(world, task, legs);
+    let mut search = Search::new(world, task, legs, known);
     let root = vec![0_u32; legs.len()];
     let mut open = vec![(search.duration(&root), root)];
     let mut seen: BTreeSet<Vec<u32>> = open.iter().map(|(_, d)| d.clone()).collect();
@@ -177,8 +191,8 @@ struct Search<'a> {
     world: &'a CollisionWorld,
     task: &'a StepTask,
     legs: &'a [Legs],
-    /// Pairs already looked at, by how their times lie to each other (ns).
-    known: BTreeMap<(usize, usize, [i64; 3]), bool>,
+    /// Pairs already looked at; see [`PairTimes`].
+    known: &'a mut BTreeMap<(usize, usize, [i64; 3]), bool>,
     /// By arm, the motion that was composed last, and for when.
     composed: Vec<Option<(Moment, Rc<(ArmMotion, CurveTable)>)>>,
     /// By pair of arms, the moments for which they were certified apart last.
@@ -186,9 +200,9 @@ struct Search<'a> {
 }
 
 impl<'a> Search<'a> {
-    fn new(world: &'a CollisionWorld, task: &'a StepTask, legs: &'a [Legs]) -> Self {
+    fn new(world: &'a CollisionWorld, task: &'a StepTask, legs: &'a [Legs], known: &'a mut PairTimes) -> Self {
         let composed = legs.iter().map(|_| None).collect();
-        Self { world, task, legs, known: BTreeMap::new(), composed, apart: BTreeMap::new() }
+        Self { world, task, legs, known: &mut known.0, composed, apart: BTreeMap::new() }
     }
 }
 

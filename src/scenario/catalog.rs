@@ -44,6 +44,7 @@ const CATALOG: &[CatalogEntry] = entries! {
     "random" = "random" of IIWA => 2 x 2, 4 x 4, 6 x 4, 9 x 4, 9 x 20, 16 x 50;
     "in_place_swap" = "in_place_swap" of IIWA => 1 x 2, 2 x 2, 3 x 2;
     "derangement" = "derangement" of IIWA => 1 x 4, 2 x 6;
+    "ring" = "ring" of IIWA => 12 x 8;
     "switch_ur_type" = "switch" of &[RobotKind::UrType] => 2 x 2;
     "switch_panda_type" = "switch" of &[RobotKind::PandaType] => 2 x 2;
     "switch_mixed" = "switch" of &RobotKind::ALL => 3 x 2;

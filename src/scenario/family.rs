@@ -17,12 +17,21 @@ pub enum Family {
     InPlaceSwap,
     /// All objects trade their exact places in one cycle.
     Derangement,
+    /// Arms in a ring, each with a table of its own; each object starts on a random table and goes
+    /// to another.
+    Ring,
 }
 
 impl Family {
     /// All families.
-    pub const ALL: [Family; 5] =
-        [Family::Switch, Family::SideToSide, Family::Random, Family::InPlaceSwap, Family::Derangement];
+    pub const ALL: [Family; 6] = [
+        Family::Switch,
+        Family::SideToSide,
+        Family::Random,
+        Family::InPlaceSwap,
+        Family::Derangement,
+        Family::Ring,
+    ];
 
     /// Its name in file names and on the command line.
     pub fn name(self) -> &'static str {
@@ -32,6 +41,7 @@ impl Family {
             Family::Random => "random",
             Family::InPlaceSwap => "in_place_swap",
             Family::Derangement => "derangement",
+            Family::Ring => "ring",
         }
     }
 }

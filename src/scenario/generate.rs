@@ -3,7 +3,7 @@
 use rand::Rng as _;
 use serde_json::{Map, Value, json};
 
-use super::layout::{End, Layout, PEDESTAL_HEIGHT, TABLE_DEPTH, TABLE_TOP};
+use super::layout::{Layout, PEDESTAL_HEIGHT, TABLE_TOP};
 use super::sampling::{CUBE, Place, places, transfers};
 use super::{Family, RobotKind, ScenarioError};
 use crate::run::{Rng, Seed};
@@ -38,7 +38,7 @@ pub fn generate_with(
     if robots.is_empty() {
         return Err(ScenarioError::NoRobots);
     }
-    let layout = Layout::new(arms)?;
+    let layout = if family == Family::Ring { Layout::ring(arms)? } else { Layout::grid(arms)? };
     check_sizes(family, arms, objects)?;
     let mut rng = Seed(seed).stream(&format!("scenario/{}/{arms}x{objects}", family.name()));
     let (starts, goals) =
@@ -79,7 +79,7 @@ fn check_sizes(family: Family, arms: usize, objects: usize) -> Result<(), Scenar
             Err(ScenarioError::TooFewArms { family: family.name() })
         }
         Family::Switch if objects < 2 => wrong("at least 2"),
-        Family::SideToSide | Family::Random if objects < 1 => wrong("at least 1"),
+        Family::SideToSide | Family::Random | Family::Ring if objects < 1 => wrong("at least 1"),
         Family::InPlaceSwap if objects != 2 => wrong("exactly 2"),
         Family::Derangement if objects < 2 => wrong("at least 2"),
         _ => Ok(()),
@@ -93,31 +93,31 @@ fn arrange(
     objects: usize,
     rng: &mut Rng,
 ) -> Option<(Vec<Place>, Vec<Place>)> {
-    let other = |end: &End| if *end == End::A { End::B } else { End::A };
-    let start_ends: Vec<End> = match family {
-        // The first half, the larger one for an odd number, starts at A.
-        Family::Switch => {
-            (0..objects).map(|index| if 2 * index < objects { End::A } else { End::B }).collect()
-        }
-        Family::SideToSide => vec![End::A; objects],
-        Family::Random => (0..objects).map(|_| if rng.random::<bool>() { End::A } else { End::B }).collect(),
+    let tables = layout.tables.len();
+    let starts_on: Vec<usize> = match family {
+        // The first half, the larger one for an odd number, starts on the first table.
+        Family::Switch => (0..objects).map(|index| usize::from(2 * index >= objects)).collect(),
+        Family::SideToSide => vec![0; objects],
+        Family::Random => (0..objects).map(|_| usize::from(!rng.random::<bool>())).collect(),
         // One and two arms swap on one table, more of them across the cell.
-        Family::InPlaceSwap if layout.depth < 3 => vec![End::A; objects],
-        Family::InPlaceSwap => vec![End::A, End::B],
-        Family::Derangement => {
-            let ends = layout.ends();
-            (0..objects).map(|index| ends[index % ends.len()]).collect()
-        }
+        Family::InPlaceSwap if layout.depth < 3 => vec![0; objects],
+        Family::InPlaceSwap => vec![0, 1],
+        Family::Derangement => (0..objects).map(|index| index % tables).collect(),
+        Family::Ring => (0..objects).map(|_| rng.random_range(0..tables)).collect(),
     };
     match family {
-        Family::Switch | Family::SideToSide | Family::Random => {
-            let goal_ends: Vec<End> = start_ends.iter().map(other).collect();
-            transfers(layout, &start_ends, &goal_ends, rng)
+        Family::Switch | Family::SideToSide | Family::Random | Family::Ring => {
+            let mut other = |start: &usize| match family {
+                Family::Ring => (start + rng.random_range(1..tables)) % tables,
+                _ => 1 - start,
+            };
+            let ends_on: Vec<usize> = starts_on.iter().map(&mut other).collect();
+            transfers(layout, &starts_on, &ends_on, rng)
         }
         Family::InPlaceSwap | Family::Derangement => {
             // One place more on each table, so that a buffer is free.
-            let ends = [start_ends, layout.ends().to_vec()].concat();
-            let mut starts = places(layout, &ends, rng)?;
+            let on = [starts_on, (0..tables).collect()].concat();
+            let mut starts = places(layout, &on, rng)?;
             starts.truncate(objects);
             let cycle = cyclic_permutation(objects, rng);
             let goals = cycle.iter().map(|target| starts[*target]).collect();
@@ -191,27 +191,30 @@ fn workcell(layout: &Layout, robots: &[RobotKind]) -> Value {
     let mut obstacles = Vec::new();
     let mut surfaces = Vec::new();
     let mut contacts = Vec::new();
-    for end in layout.ends() {
-        let id = match end {
-            End::A => "table_a",
-            End::B => "table_b",
+    for table in &layout.tables {
+        let ([x, y], [depth, width]) = (table.middle, table.size);
+        let at = |z: f64| {
+            let mut pose = json!({ "position": xyz(x, y, z) });
+            if table.yaw != 0.0 {
+                pose["orientation"] = about_z(table.yaw);
+            }
+            pose
         };
-        let [x, y] = layout.table(*end);
-        let width = layout.table_width();
         obstacles.push(json!({
-            "id": id,
-            "shape": { "type": "box", "size": xyz(TABLE_DEPTH, width, TABLE_THICKNESS) },
-            "pose": { "position": xyz(x, y, TABLE_TOP - TABLE_THICKNESS / 2.0) },
+            "id": table.id,
+            "shape": { "type": "box", "size": xyz(depth, width, TABLE_THICKNESS) },
+            "pose": at(TABLE_TOP - TABLE_THICKNESS / 2.0),
         }));
         surfaces.push(json!({
-            "id": format!("{id}_top"),
-            "on": id,
-            "pose": { "position": xyz(x, y, TABLE_TOP) },
-            "size": { "x": TABLE_DEPTH, "y": tidy(width) },
+            "id": format!("{}_top", table.id),
+            "on": table.id,
+            "pose": at(TABLE_TOP),
+            "size": { "x": tidy(depth), "y": tidy(width) },
         }));
     }
     let mut models = Map::new();
-    for ((index, [x, y]), robot) in layout.arms().into_iter().enumerate().zip(robots.iter().cycle()) {
+    for ((index, place), robot) in layout.arms.iter().enumerate().zip(robots.iter().cycle()) {
+        let [x, y] = place.xy;
         let id = format!("arm_{}", index + 1);
         let pedestal = format!("pedestal_{}", index + 1);
         obstacles.push(json!({
@@ -222,7 +225,7 @@ fn workcell(layout: &Layout, robots: &[RobotKind]) -> Value {
         contacts.extend(robot.on_the_pedestal().iter().map(|link| json!([pedestal, format!("{id}/{link}")])));
         models.insert(robot.name().to_owned(), json!({ "urdf": format!("library:{}", robot.name()) }));
         let home: Map<String, Value> = robot
-            .home_deg(layout.yaw().to_degrees())
+            .home_deg(place.yaw.to_degrees())
             .iter()
             .enumerate()
             .map(|(joint, degrees)| (format!("joint_{}", joint + 1), json!(tidy(degrees.to_radians()))))
@@ -230,7 +233,7 @@ fn workcell(layout: &Layout, robots: &[RobotKind]) -> Value {
         arms.push(json!({
             "id": id,
             "robot": robot.name(),
-            "base": { "position": xyz(x, y, PEDESTAL_HEIGHT), "orientation": about_z(layout.yaw()) },
+            "base": { "position": xyz(x, y, PEDESTAL_HEIGHT), "orientation": about_z(place.yaw) },
             "tool": tool(),
             "home": home,
         }));
@@ -259,7 +262,7 @@ mod tests {
         }
     }
 
-    const SIZES: [(Family, usize, usize); 18] = [
+    const SIZES: [(Family, usize, usize); 21] = [
         (Family::Switch, 2, 2),
         (Family::Switch, 4, 4),
         (Family::Switch, 6, 4),
@@ -278,6 +281,9 @@ mod tests {
         (Family::InPlaceSwap, 3, 2),
         (Family::Derangement, 1, 4),
         (Family::Derangement, 2, 6),
+        (Family::Ring, 3, 2),
+        (Family::Ring, 12, 8),
+        (Family::Ring, 16, 20),
     ];
 
     #[test]
@@ -324,6 +330,22 @@ mod tests {
     }
 
     #[test]
+    fn in_a_ring_every_object_changes_tables() {
+        let value = generate(Family::Ring, 12, 8, 1).unwrap();
+        let table = |when: &str, cube: usize| {
+            let at = &value[when][format!("cube_{cube}")]["pose"]["position"];
+            let [x, y] = ["x", "y"].map(|axis| at[axis].as_f64().unwrap());
+            // Tables lie 30 degrees apart, and are about 11 wide as seen from the middle.
+            let turn = y.atan2(x).to_degrees() / 30.0;
+            assert!((turn - turn.round()).abs() < 0.25);
+            turn.round().rem_euclid(12.0) as usize
+        };
+        assert!((1..=8).all(|cube| table("initial", cube) != table("goal", cube)));
+        let starts: std::collections::BTreeSet<usize> = (1..=8).map(|cube| table("initial", cube)).collect();
+        assert!(starts.len() > 2);
+    }
+
+    #[test]
     fn a_derangement_is_one_cycle() {
         for seed in 0..20 {
             let cycle = cyclic_permutation(6, &mut Seed(seed).stream("test"));
@@ -340,6 +362,7 @@ mod tests {
     fn wrong_sizes_are_refused() {
         assert!(matches!(generate(Family::Switch, 1, 2, 0), Err(ScenarioError::TooFewArms { .. })));
         assert!(matches!(generate(Family::InPlaceSwap, 1, 3, 0), Err(ScenarioError::Objects { .. })));
+        assert!(matches!(generate(Family::Ring, 2, 3, 0), Err(ScenarioError::NoRing(2))));
         assert!(matches!(generate(Family::Random, 17, 3, 0), Err(ScenarioError::Arms(17))));
         assert_eq!(generate(Family::SideToSide, 2, 200, 0), Err(ScenarioError::NoRoom(200)));
     }

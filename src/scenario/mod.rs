@@ -23,7 +23,9 @@ pub use text::to_text;
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum ScenarioError {
     /// No such family.
-    #[error("there is no family `{0}`; give switch, side_to_side, random, in_place_swap or derangement")]
+    #[error(
+        "there is no family `{0}`; give switch, side_to_side, random, in_place_swap, derangement or ring"
+    )]
     UnknownFamily(String),
     /// No such robot.
     #[error("there is no robot `{0}`; give iiwa14, ur_type or panda_type")]
@@ -34,6 +36,9 @@ pub enum ScenarioError {
     /// No layout for so many arms.
     #[error("{0} arms cannot be laid out; give 1 to {MAX_ARMS}")]
     Arms(usize),
+    /// Too few arms for a ring.
+    #[error("a ring needs at least 3 arms, not {0}")]
+    NoRing(usize),
     /// The family takes another number of arms.
     #[error("`{family}` needs two tables and so at least 2 arms")]
     TooFewArms {

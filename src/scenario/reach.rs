@@ -100,8 +100,14 @@ impl<'p> Cell<'p> {
 
 #[test]
 fn every_place_is_served_by_an_arm() {
-    let sizes =
-        [(Family::Random, 2, 4), (Family::Random, 4, 6), (Family::Random, 9, 8), (Family::Derangement, 1, 4)];
+    let sizes = [
+        (Family::Random, 2, 4),
+        (Family::Random, 4, 6),
+        (Family::Random, 9, 8),
+        (Family::Derangement, 1, 4),
+        (Family::Ring, 5, 6),
+        (Family::Ring, 12, 8),
+    ];
     for (family, arms, objects) in sizes {
         for seed in 0..2 {
             let document = generate(family, arms, objects, seed).unwrap();

@@ -4,7 +4,7 @@ use std::f64::consts::PI;
 
 use rand::Rng as _;
 
-use super::layout::{End, Layout};
+use super::layout::Layout;
 use crate::run::Rng;
 
 /// Edge (m) of a cube.
@@ -38,7 +38,7 @@ const MOST_OUTWARDS: f64 = 0.58;
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Place {
     /// Which table.
-    pub end: End,
+    pub table: usize,
     /// Middle (m).
     pub xy: [f64; 2],
     /// Turn about z (rad).
@@ -48,7 +48,7 @@ pub struct Place {
 impl Place {
     /// Whether the footprints are apart by the gap at least.
     pub fn is_apart(&self, other: &Self) -> bool {
-        self.end != other.end || separation(self, other).max(separation(other, self)) >= GAP
+        self.table != other.table || separation(self, other).max(separation(other, self)) >= GAP
     }
 }
 
@@ -63,27 +63,29 @@ fn separation(one: &Place, other: &Place) -> f64 {
     along[0].abs().max(along[1].abs()) - reach
 }
 
-/// One place on each of `ends`, in this order, all apart from each other: uniform over the usable
+/// One place on each of `tables`, in this order, all apart from each other: uniform over the usable
 /// part of the table, turned uniformly. Positions are whole tenths of a millimetre. `None` when
 /// there is no room.
-pub fn places(layout: &Layout, ends: &[End], rng: &mut Rng) -> Option<Vec<Place>> {
-    (0..RESTARTS).find_map(|_| try_places(layout, ends, &|_, _| true, rng))
+pub fn places(layout: &Layout, tables: &[usize], rng: &mut Rng) -> Option<Vec<Place>> {
+    (0..RESTARTS).find_map(|_| try_places(layout, tables, &|_, _| true, rng))
 }
 
 /// Starts and goals, as [`places`], of cubes that change tables. Where they go from one arm
 /// straight to the next, a start and its goal are drawn again until one handoff can serve them.
 pub fn transfers(
     layout: &Layout,
-    starts: &[End],
-    goals: &[End],
+    starts: &[usize],
+    goals: &[usize],
     rng: &mut Rng,
 ) -> Option<(Vec<Place>, Vec<Place>)> {
-    let ends = [starts, goals].concat();
+    let tables = [starts, goals].concat();
     let serves = |placed: &[Place], place: &Place| match placed.len().checked_sub(starts.len()) {
-        Some(cube) if layout.depth == 2 => one_handoff_serves(layout, &placed[cube], place),
+        Some(cube) if layout.are_one_handoff_apart(starts[cube], place.table) => {
+            one_handoff_serves(layout, &placed[cube], place)
+        }
         _ => true,
     };
-    let mut placed = (0..RESTARTS).find_map(|_| try_places(layout, &ends, &serves, rng))?;
+    let mut placed = (0..RESTARTS).find_map(|_| try_places(layout, &tables, &serves, rng))?;
     let goals = placed.split_off(starts.len());
     Some((placed, goals))
 }
@@ -102,8 +104,8 @@ fn one_handoff_serves(layout: &Layout, start: &Place, goal: &Place) -> bool {
 /// bounds were found by inverse kinematics and collision checks and lie within what is possible.
 fn grippable_edges(layout: &Layout, place: &Place) -> [bool; 4] {
     let mut best: Option<(f64, [f64; 2])> = None;
-    for arm in layout.arms() {
-        let from_axis = [place.xy[0] - arm[0], place.xy[1] - arm[1]];
+    for arm in &layout.arms {
+        let from_axis = [place.xy[0] - arm.xy[0], place.xy[1] - arm.xy[1]];
         let distance = from_axis[0].hypot(from_axis[1]);
         if best.is_none_or(|(least, _)| distance < least) {
             best = Some((distance, from_axis));
@@ -122,14 +124,14 @@ fn grippable_edges(layout: &Layout, place: &Place) -> [bool; 4] {
 
 fn try_places(
     layout: &Layout,
-    ends: &[End],
+    tables: &[usize],
     suits: &dyn Fn(&[Place], &Place) -> bool,
     rng: &mut Rng,
 ) -> Option<Vec<Place>> {
-    let mut placed: Vec<Place> = Vec::with_capacity(ends.len());
-    for end in ends {
+    let mut placed: Vec<Place> = Vec::with_capacity(tables.len());
+    for &table in tables {
         let free = (0..TRIES).find_map(|_| {
-            let place = sample(layout, *end, rng)?;
+            let place = sample(layout, table, rng)?;
             (placed.iter().all(|other| place.is_apart(other)) && suits(&placed, &place)).then_some(place)
         });
         placed.push(free?);
@@ -137,16 +139,13 @@ fn try_places(
     Some(placed)
 }
 
-fn sample(layout: &Layout, end: End, rng: &mut Rng) -> Option<Place> {
-    let middle = layout.table(end);
-    let half = layout.usable_half();
-    let mut coordinate = |axis: usize| {
-        let offset = half[axis] * (2.0 * rng.random::<f64>() - 1.0);
-        ((middle[axis] + offset) * 1.0e4).round() / 1.0e4
-    };
-    let xy = [coordinate(0), coordinate(1)];
+fn sample(layout: &Layout, table: usize, rng: &mut Rng) -> Option<Place> {
+    let own = layout.tables.get(table)?;
+    let mut coordinate = |axis: usize| own.usable_half[axis] * (2.0 * rng.random::<f64>() - 1.0);
+    let offset = [coordinate(0), coordinate(1)];
+    let xy = own.at(offset).map(|value| (value * 1.0e4).round() / 1.0e4);
     let yaw = PI * (2.0 * rng.random::<f64>() - 1.0);
-    layout.is_usable(end, xy).then_some(Place { end, xy, yaw })
+    layout.is_usable(table, xy).then_some(Place { table, xy, yaw })
 }
 
 #[cfg(test)]
@@ -170,13 +169,13 @@ mod tests {
 
     #[test]
     fn places_are_usable_and_apart() {
-        let layout = Layout::new(4).unwrap();
-        let ends = [[End::A; 8], [End::B; 8]].concat();
+        let layout = Layout::grid(4).unwrap();
+        let tables = [[0; 8], [1; 8]].concat();
         for seed in 0..5 {
-            let placed = places(&layout, &ends, &mut Seed(seed).stream("test")).unwrap();
+            let placed = places(&layout, &tables, &mut Seed(seed).stream("test")).unwrap();
             for (index, one) in placed.iter().enumerate() {
-                assert!(layout.is_usable(one.end, one.xy));
-                for other in placed[..index].iter().filter(|other| other.end == one.end) {
+                assert!(layout.is_usable(one.table, one.xy));
+                for other in placed[..index].iter().filter(|other| other.table == one.table) {
                     let (a, b) = (border(one), border(other));
                     let least = a
                         .iter()
@@ -190,25 +189,25 @@ mod tests {
 
     #[test]
     fn starts_and_goals_offer_opposite_edges() {
-        let layout = Layout::new(2).unwrap();
+        let layout = Layout::grid(2).unwrap();
         for seed in 0..20 {
             let mut rng = Seed(seed).stream("test");
-            let (starts, goals) = transfers(&layout, &[End::A, End::B], &[End::B, End::A], &mut rng).unwrap();
+            let (starts, goals) = transfers(&layout, &[0, 1], &[1, 0], &mut rng).unwrap();
             for (start, goal) in starts.iter().zip(&goals) {
                 assert!(one_handoff_serves(&layout, start, goal));
             }
         }
         // Both far out and turned by 45 degrees: only the two inner edges can be gripped, and these
         // are the same on both tables once the cube is turned by half a turn.
-        let far = |end, x: f64, yaw: f64| Place { end, xy: [x, 0.0], yaw };
-        let (here, there) = (far(End::A, -0.72, PI / 4.0), far(End::B, 1.82, PI / 4.0 + PI));
+        let far = |table, x: f64, yaw: f64| Place { table, xy: [x, 0.0], yaw };
+        let (here, there) = (far(0, -0.72, PI / 4.0), far(1, 1.82, PI / 4.0 + PI));
         assert!(!one_handoff_serves(&layout, &here, &there));
-        assert!(one_handoff_serves(&layout, &here, &far(End::B, 1.82, PI / 4.0)));
+        assert!(one_handoff_serves(&layout, &here, &far(1, 1.82, PI / 4.0)));
     }
 
     #[test]
     fn a_full_table_is_told() {
-        let layout = Layout::new(1).unwrap();
-        assert!(places(&layout, &[End::A; 60], &mut Seed(0).stream("test")).is_none());
+        let layout = Layout::grid(1).unwrap();
+        assert!(places(&layout, &[0; 60], &mut Seed(0).stream("test")).is_none());
     }
 }

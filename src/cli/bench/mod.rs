@@ -3,6 +3,7 @@
 mod compare;
 mod files;
 mod kernels;
+mod mapf;
 mod paper;
 mod screen;
 mod table;
@@ -23,6 +24,8 @@ enum Command {
     Paper(paper::Arguments),
     /// Two results of `paper` against each other: ratios of medians, and which are more than noise
     Compare(compare::Arguments),
+    /// Guidance on the mode graphs of generated problems: how many step counts are proved, how quickly
+    Mapf(mapf::Arguments),
     /// Forward and inverse kinematics and collision checks on this machine, next to parry
     Kernels {
         /// Print the table as JSON
@@ -35,6 +38,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<Answer, CliError> {
     match &arguments.command {
         Command::Paper(arguments) => paper::run(arguments),
         Command::Compare(arguments) => compare::run(arguments),
+        Command::Mapf(arguments) => mapf::run(arguments),
         Command::Kernels { json } => kernels(*json),
     }
 }
