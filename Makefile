@@ -12,7 +12,7 @@ help:
 	@echo "make build   the release binary, target/release/quadrille"
 	@echo "make demo    plan the 2x2 switch through the service, and judge the result"
 	@echo "make test    all tests, kills, load and fuzzing in short"
-	@echo "make soak    200 kills, a minute of load, 10 minutes per fuzz target; prints the figures"
+	@echo "make soak    200 kills, minutes of load, 10 minutes of damaged input of each kind: half an hour; prints the figures"
 	@echo "make api     write api/openapi.json and api/schemas anew"
 	@echo "make serve   run the service on LISTEN ($(LISTEN))"
 	@echo "make lint    formatting, clippy, documentation"
@@ -32,11 +32,10 @@ test:
 	$(CARGO) test --release --locked
 	QUADRILLE_SIMD=sse2 $(CARGO) test --release --locked --lib -- collision:: geometry:: kinematics:: motion:: transition::
 
-# The long forms, one after the other: they measure.
+# The long forms, group after group; SOAK_GROUPS chooses some.
 soak:
 	@deploy/setup.sh test
-	QUADRILLE_SOAK=1 $(CARGO) test --release --locked --test service -- --nocapture --test-threads 1 \
-		kills:: load:: durable:: streams:: requests::a_hundred foreign:: fuzz::
+	@deploy/soak.sh
 
 api: setup
 	QUADRILLE_WRITE_API=1 $(CARGO) test --release --locked --test service openapi::the_files

@@ -175,3 +175,41 @@ fn the_service_says_where_it_listens_and_ends_on_sigterm() {
     let entries: Vec<Value> = log.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
     assert!(entries.iter().any(|entry| entry["fields"]["message"] == "stopped"), "{log}");
 }
+
+/// What keeps the service from starting is said before it says that it listens.
+#[test]
+fn a_service_that_cannot_start_says_what_is_wrong() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
+    fs::write(path("file"), "").unwrap();
+    fs::create_dir(path("junk")).unwrap();
+    fs::write(path("junk/quadrille.redb"), "no database").unwrap();
+    fs::write(path("settings.toml"), "colour = 1").unwrap();
+    let mut held = command(&["serve", "--listen", "127.0.0.1:0", "--data-dir", &path("held")]);
+    let mut held = Service(held.stdout(Stdio::piped()).stderr(Stdio::null()).spawn().unwrap());
+    let mut line = String::new();
+    BufReader::new(held.0.stdout.take().unwrap()).read_line(&mut line).unwrap();
+    let taken = line.trim().strip_prefix("listening on ").unwrap().to_owned();
+    for (flags, told) in [
+        (["--data-dir", &path("file")], &*path("file")),
+        (["--data-dir", &path("junk")], "quadrille.redb"),
+        (["--data-dir", &path("held")], "another process"),
+        (["--listen", &taken], &*taken),
+        (["--listen", "localhost"], "127.0.0.1:8080"),
+        (["--config", &path("settings.toml")], "colour"),
+        (["--config", &path("nowhere.toml")], "nowhere.toml"),
+        (["--max-body-bytes", "0"], "max-body-bytes"),
+        (["--keep-alive", "soon"], "10s"),
+    ] {
+        let mut arguments = vec!["serve"];
+        if flags[0] != "--listen" {
+            arguments.extend(["--listen", "127.0.0.1:0"]);
+        }
+        arguments.extend(flags);
+        let output = quadrille(&arguments);
+        assert_eq!(output.status.code(), Some(2), "{arguments:?}");
+        assert!(err(&output).contains(told), "{told} in {}", err(&output));
+        assert_eq!(out(&output), "", "{arguments:?}");
+    }
+    assert_eq!(quadrille(&["verify", "-", "-"]).status.code(), Some(2));
+}

@@ -10,7 +10,7 @@ use super::Answer;
 #[derive(Debug, clap::Args)]
 pub(super) struct Arguments {
     /// Where the service listens
-    #[arg(long, default_value = "127.0.0.1:8080", env = "QUADRILLE_LISTEN")]
+    #[arg(long, default_value = "127.0.0.1:8080", env = "QUADRILLE_LISTEN", value_parser = super::socket_address)]
     address: SocketAddr,
 }
 

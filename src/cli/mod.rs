@@ -21,7 +21,8 @@ mod verify;
 pub use self::bench::work;
 
 use std::io;
-use std::path::PathBuf;
+use std::net::SocketAddr;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
@@ -30,6 +31,7 @@ use self::logging::LogFormat;
 use crate::bench::BenchError;
 use crate::guidance::InstanceError;
 use crate::scenario::ScenarioError;
+use crate::service::StartError;
 use crate::wire::Fault;
 
 /// Plans for robot arms that work together.
@@ -39,7 +41,8 @@ use crate::wire::Fault;
     version,
     about,
     after_help = "Exit codes: 0 success, 1 a negative answer \
-    (no plan, invalid plan, not healthy), 2 unusable input."
+    (no plan, invalid plan, not healthy), 2 input or surroundings that cannot be used.\n\
+    QUADRILLE_LOG says what is logged, such as debug or quadrille=trace [default: info for serve, warn for the rest]."
 )]
 struct Arguments {
     /// How log lines are written to stderr
@@ -59,7 +62,7 @@ enum Command {
     Modes(modes::Arguments),
     /// Problems of the benchmark families
     Scenario(scenario::Arguments),
-    /// Measure: the paper's evaluation, and two results against each other
+    /// Measure: the paper's evaluation, two results against each other, the kernels
     Bench(bench::Arguments),
     /// Run the service
     Serve(Box<serve::Arguments>),
@@ -80,14 +83,17 @@ enum Answer {
 #[derive(Debug, thiserror::Error)]
 enum CliError {
     /// A file could not be read.
-    #[error("{}: {source}", path.display())]
+    #[error("{}: {source}", shown(path))]
     Read { path: PathBuf, source: io::Error },
     /// Output could not be written.
     #[error("{}: {source}", path.display())]
     Write { path: PathBuf, source: io::Error },
     /// A document has faults.
-    #[error("{}: {} fault(s)", path.display(), faults.len())]
+    #[error("{}: {} fault(s)", shown(path), faults.len())]
     Faults { path: PathBuf, faults: Vec<Fault> },
+    /// Two documents cannot both come from stdin.
+    #[error("problem and plan cannot both be `-`: give one of them as a file")]
+    StdinTwice,
     /// No scenario can be made like this.
     #[error(transparent)]
     Scenario(ScenarioError),
@@ -103,9 +109,25 @@ enum CliError {
     /// A file of results cannot be used.
     #[error("{}: {what}", path.display())]
     Results { path: PathBuf, what: String },
-    /// The service could not be started, or failed.
+    /// The service failed.
     #[error("{0}: {1}")]
     Service(String, io::Error),
+    /// The service could not be started.
+    #[error(transparent)]
+    Start(#[from] StartError),
+}
+
+/// A path as people know it.
+fn shown(path: &Path) -> String {
+    if path == Path::new("-") { "stdin".to_owned() } else { path.display().to_string() }
+}
+
+/// An address and port as a flag.
+///
+/// # Errors
+/// When it is none; a name is none.
+fn socket_address(text: &str) -> Result<SocketAddr, String> {
+    text.parse().map_err(|_| "give an IP address and a port, such as 127.0.0.1:8080 or [::1]:8080".to_owned())
 }
 
 /// Runs the command that the process was called with.

@@ -16,20 +16,20 @@ use crate::run::{CancelToken, Control, Deadline};
 pub(super) struct Arguments {
     /// The problem file; `-` for stdin
     file: PathBuf,
-    /// Time budget, such as 10s or 500ms
+    /// Time budget, such as 10s or 500ms [default: the problem's own, else 30s]
     #[arg(long, value_parser = budget::parse)]
     budget: Option<Duration>,
-    /// Seed of all randomness
+    /// Seed of all randomness [default: the problem's own, else 0]
     #[arg(long)]
     seed: Option<u64>,
-    /// What steers the search
+    /// What steers the search [default: the problem's own, else smart]
     #[arg(long, value_enum)]
     guidance: Option<Guidance>,
-    /// Planner threads
+    /// Planner threads [default: the problem's own, else 1]
     #[arg(long, value_parser = clap::value_parser!(u64).range(1..=64))]
     threads: Option<u64>,
     /// Iteration budget; with it, a run on one thread repeats bit for bit
-    #[arg(long)]
+    #[arg(long, value_parser = clap::value_parser!(u64).range(1..))]
     max_iterations: Option<u64>,
     /// Stop at the first plan
     #[arg(long)]

@@ -10,7 +10,7 @@ use tokio_util::sync::CancellationToken;
 use super::settings::Settings;
 use super::{Answer, CliError};
 use crate::jobs::SmartPlanner;
-use crate::service::{self, ServiceConfig};
+use crate::service::{self, Service, ServiceConfig};
 
 /// Arguments of `serve`. Settings come from the file, then the environment, then flags.
 #[derive(Debug, clap::Args)]
@@ -40,9 +40,11 @@ pub(super) fn run(arguments: Arguments) -> Result<Answer, CliError> {
 }
 
 async fn serve(listen: SocketAddr, config: ServiceConfig, planner: SmartPlanner) -> Result<Answer, CliError> {
-    let named = |error| CliError::Service(listen.to_string(), error);
+    let named = |error| CliError::Service(format!("cannot listen on {listen}"), error);
     let listener = TcpListener::bind(listen).await.map_err(named)?;
     let address = listener.local_addr().map_err(named)?;
+    let shutdown = CancellationToken::new();
+    let service = Service::start(config.clone(), Arc::new(planner), shutdown.clone())?;
     let data_dir =
         config.data_dir.as_ref().map_or("none, all is in memory".into(), |path| path.to_string_lossy());
     tracing::info!(
@@ -55,9 +57,8 @@ async fn serve(listen: SocketAddr, config: ServiceConfig, planner: SmartPlanner)
     );
     // For whoever started us with port 0.
     println!("listening on {address}");
-    let shutdown = CancellationToken::new();
-    tokio::spawn(raise_on_signal(shutdown.clone()));
-    service::serve(listener, config, Arc::new(planner), shutdown).await.map_err(named)?;
+    tokio::spawn(raise_on_signal(shutdown));
+    service.serve(listener).await.map_err(|error| CliError::Service(address.to_string(), error))?;
     tracing::info!("stopped");
     Ok(Answer::Yes)
 }

@@ -10,8 +10,10 @@ use serde::de::{Deserializer, Error as _};
 
 use super::budget;
 use crate::planner::PlannerCache;
-use crate::service::ServiceConfig;
+use crate::service::{ServiceConfig, files_allowed};
 
+/// Open files that are no connections.
+const OTHER_FILES: usize = 64;
 /// Longest settings file (bytes).
 const LARGEST_FILE: usize = 1 << 20;
 
@@ -60,7 +62,7 @@ macro_rules! settings {
 
 settings! {
     /// Address and port for HTTP and gRPC; port 0 takes a free one [default: 127.0.0.1:8080]
-    listen: SocketAddr = "QUADRILLE_LISTEN";
+    listen: SocketAddr = "QUADRILLE_LISTEN", value_parser = super::socket_address;
     /// Folder in which jobs and workcells are kept [default: none, all is in memory]
     data_dir: PathBuf = "QUADRILLE_DATA_DIR";
     /// Folder in which compiled workcells are kept [default: none, in memory only]
@@ -75,6 +77,10 @@ settings! {
     client_jobs: usize = "QUADRILLE_CLIENT_JOBS";
     /// How much earlier a job counts as having come, per step of priority [default: 30s]
     priority_aging: Span = "QUADRILLE_PRIORITY_AGING";
+    /// Most open connections [default: 8192, or what the system's limit on open files leaves]
+    connections: usize = "QUADRILLE_CONNECTIONS";
+    /// Most open connections from one address, unless a proxy names the clients [default: half of all]
+    client_connections: usize = "QUADRILLE_CLIENT_CONNECTIONS";
     /// Most open streams of events [default: 2048]
     streams: usize = "QUADRILLE_STREAMS";
     /// Most open streams of one client [default: 256]
@@ -111,6 +117,8 @@ settings! {
     validations: usize = "QUADRILLE_VALIDATIONS";
     /// Most registered workcells [default: 100]
     workcells: usize = "QUADRILLE_WORKCELLS";
+    /// Most bytes of all registered workcells and their files [default: 1073741824]
+    workcells_bytes: u64 = "QUADRILLE_WORKCELLS_BYTES";
     /// Most files of a bundle [default: 1000]
     bundle_entries: usize = "QUADRILLE_BUNDLE_ENTRIES";
     /// Most bytes of a bundle once unpacked [default: 134217728]
@@ -179,6 +187,17 @@ impl Settings {
         set(&mut config.jobs.queue_limit, self.queue_limit);
         config.jobs.client_limit = self.client_jobs.unwrap_or(config.jobs.queue_limit + config.jobs.workers);
         span(&mut config.jobs.aging, self.priority_aging);
+        // Some files are the store's and the runtime's.
+        let sockets = files_allowed().map_or(usize::MAX, |files| files.saturating_sub(OTHER_FILES).max(1));
+        if let Some(given) = self.connections.filter(|given| *given > sockets) {
+            let why = format!(
+                "{given} are more than the {sockets} for which this process may open files; raise that limit \
+                 (ulimit -n) or give a smaller number"
+            );
+            return Err(SettingsError::Nonsense("connections", why));
+        }
+        config.connections = self.connections.unwrap_or(config.connections.min(sockets));
+        config.client_connections = self.client_connections.unwrap_or(config.connections.div_ceil(2));
         set(&mut config.streams, self.streams);
         set(&mut config.client_streams, self.client_streams);
         span(&mut config.keep_alive, self.keep_alive);
@@ -204,6 +223,7 @@ impl Settings {
         set(&mut config.inline_plan_bytes, self.inline_plan_bytes);
         set(&mut config.validations, self.validations);
         set(&mut config.workcells, self.workcells);
+        config.workcells_bytes = self.workcells_bytes.unwrap_or(config.workcells_bytes);
         set(&mut config.archive.entries, self.bundle_entries);
         set(&mut config.archive.unpacked_bytes, self.bundle_unpacked_bytes);
         let keep = &mut config.retention;
@@ -218,15 +238,47 @@ impl Settings {
             })?;
             config.client_header = Some(header);
         }
-        for (name, value, most) in
-            [("workers", config.jobs.workers, 1024), ("streams", config.streams, 1 << 20)]
-        {
-            if !(1..=most).contains(&value) {
-                return Err(SettingsError::Nonsense(name, format!("give a number from 1 to {most}")));
-            }
-        }
+        check(&config)?;
         Ok(config)
     }
+}
+
+/// Whether settings make sense, alone and together.
+///
+/// # Errors
+/// The first setting that makes none, and why.
+fn check(config: &ServiceConfig) -> Result<(), SettingsError> {
+    let (read, archive) = (&config.read_limits, &config.archive);
+    for (name, value, most) in [
+        ("workers", config.jobs.workers, 1024),
+        ("client-jobs", config.jobs.client_limit, usize::MAX),
+        ("connections", config.connections, 1 << 20),
+        ("client-connections", config.client_connections, 1 << 20),
+        ("streams", config.streams, 1 << 20),
+        ("client-streams", config.client_streams, 1 << 20),
+        ("validations", config.validations, 1024),
+        ("max-body-bytes", read.max_bytes, 1 << 30),
+        ("max-json-depth", read.max_json_depth, 127),
+        ("max-arms", read.max_arms, 1000),
+        ("max-objects", read.max_objects, 1_000_000),
+        ("bundle-entries", archive.entries, 1_000_000),
+    ] {
+        if !(1..=most).contains(&value) {
+            let most = if most == usize::MAX { "on".to_owned() } else { format!("to {most}") };
+            return Err(SettingsError::Nonsense(
+                name,
+                format!("{value} makes no sense; give a number from 1 {most}"),
+            ));
+        }
+    }
+    if config.bodies_bytes < read.max_bytes {
+        let why = format!(
+            "{} bytes for all bodies are less than the {} that one may have (max-body-bytes)",
+            config.bodies_bytes, read.max_bytes
+        );
+        return Err(SettingsError::Nonsense("bodies-bytes", why));
+    }
+    Ok(())
 }
 
 #[cfg(test)]
@@ -254,7 +306,15 @@ mod tests {
         for bad in ["colour = 1", "workers = \"x\"", "drain = \"soon\"", "drain = 3", "["] {
             assert!(matches!(file(bad), Err(SettingsError::Unusable(..))), "{bad}");
         }
-        for bad in ["client_header = \"a b\"", "streams = 0", "default_time_budget = \"2h\""] {
+        for bad in [
+            "client_header = \"a b\"",
+            "streams = 0",
+            "default_time_budget = \"2h\"",
+            "max_body_bytes = 0",
+            "bodies_bytes = 1000",
+            "max_json_depth = 500",
+            "connections = 999999999",
+        ] {
             assert!(matches!(file(bad).unwrap().config(), Err(SettingsError::Nonsense(..))), "{bad}");
         }
     }

@@ -11,7 +11,7 @@ const LARGEST_PLAN: usize = 256 << 20;
 /// Arguments of `verify`.
 #[derive(Debug, clap::Args)]
 pub(super) struct Arguments {
-    /// The problem file
+    /// The problem file; `-` for stdin
     problem: PathBuf,
     /// The plan file; `-` for stdin
     plan: PathBuf,
@@ -21,6 +21,9 @@ pub(super) struct Arguments {
 }
 
 pub(super) fn run(arguments: &Arguments) -> Result<Answer, CliError> {
+    if [&arguments.problem, &arguments.plan].iter().all(|path| path.as_os_str() == "-") {
+        return Err(CliError::StdinTwice);
+    }
     let problem = input::problem(&arguments.problem)?.problem;
     let content = input::bytes(&arguments.plan, LARGEST_PLAN)?;
     let plan = crate::wire::plan::read_plan(&content, &problem)

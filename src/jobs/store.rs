@@ -143,6 +143,12 @@ pub enum StoreError {
 /// A store of jobs. Events are numbered by the store, from 1 without gaps, and an event that
 /// `append` has returned is kept: whoever sees an event may rely on it. Reading never consumes.
 pub trait JobStore: Send + Sync {
+    /// Why nothing can be written any more, when that is so: then the process must end, and the next one
+    /// goes on from what was kept.
+    fn failure(&self) -> Option<String> {
+        None
+    }
+
     /// Keeps a new job and its `queued` event, all or nothing.
     ///
     /// # Errors
@@ -200,10 +206,10 @@ pub trait JobStore: Send + Sync {
     /// When there is no such job.
     fn record(&self, job: JobId) -> Result<JobRecord, StoreError>;
 
-    /// What the job's client asked for.
+    /// What the job's client asked for; kept until the job ends.
     ///
     /// # Errors
-    /// When there is no such job.
+    /// When there is no such job, or it has ended.
     fn request(&self, job: JobId) -> Result<JobRequest, StoreError>;
 
     /// The jobs that `query` asks for, newest first.

@@ -1,10 +1,10 @@
-//! Reading request bodies, bounded in size and time.
+//! Reading request bodies, bounded in size and time, each and all together; HTTP and gRPC alike.
 
 use std::sync::Arc;
 use std::time::Duration;
 
 use axum::body::Body;
-use axum::http::{HeaderMap, header};
+use axum::http::{Extensions, HeaderMap, header};
 use bytes::{Bytes, BytesMut};
 use futures::StreamExt;
 use tokio::sync::{OwnedSemaphorePermit, Semaphore};
@@ -47,15 +47,33 @@ impl BodyRoom {
     }
 }
 
-/// A body with its room, which is free again when the last of its bytes is gone.
-struct Received {
-    bytes: BytesMut,
-    _room: Option<OwnedSemaphorePermit>,
+/// The room of one body: it is free again when the last clone is gone.
+#[derive(Debug, Clone)]
+pub struct Held {
+    _room: Arc<Option<OwnedSemaphorePermit>>,
 }
 
-impl AsRef<[u8]> for Received {
+impl Held {
+    /// The room that the layer in front has put into the extensions.
+    pub fn known(extensions: &Extensions) -> Self {
+        extensions.get::<Self>().cloned().unwrap_or_else(|| Self { _room: Arc::new(None) })
+    }
+
+    /// `content`, taken from the body whose room this is: the room is held for as long as any of it is.
+    pub fn bytes(&self, content: impl AsRef<[u8]> + Send + 'static) -> Bytes {
+        Bytes::from_owner(Kept { content, _room: self.clone() })
+    }
+}
+
+/// Content with the room that it takes.
+struct Kept<T> {
+    content: T,
+    _room: Held,
+}
+
+impl<T: AsRef<[u8]>> AsRef<[u8]> for Kept<T> {
     fn as_ref(&self) -> &[u8] {
-        &self.bytes
+        self.content.as_ref()
     }
 }
 
@@ -70,7 +88,8 @@ pub async fn read_json(
     limit: usize,
 ) -> Result<Bytes, ApiError> {
     expect_json(headers)?;
-    read(room, headers, body, limit).await
+    let (bytes, held) = read(room, headers, body, limit).await?;
+    Ok(held.bytes(bytes))
 }
 
 /// Reads the body of a bundle, whose kind has been checked, of at most `limit` bytes.
@@ -83,10 +102,20 @@ pub async fn read_bundle(
     body: Body,
     limit: usize,
 ) -> Result<Bytes, ApiError> {
-    read(room, headers, body, limit).await
+    let (bytes, held) = read(room, headers, body, limit).await?;
+    Ok(held.bytes(bytes))
 }
 
-async fn read(room: &BodyRoom, headers: &HeaderMap, body: Body, limit: usize) -> Result<Bytes, ApiError> {
+/// Reads a body of at most `limit` bytes, whatever it is; also gives the room that it takes.
+///
+/// # Errors
+/// When it is larger, too slow, finds no room, or breaks off.
+pub async fn read(
+    room: &BodyRoom,
+    headers: &HeaderMap,
+    body: Body,
+    limit: usize,
+) -> Result<(BytesMut, Held), ApiError> {
     let announced =
         headers.get(header::CONTENT_LENGTH).and_then(|value| value.to_str().ok()?.parse::<usize>().ok());
     let too_large = announced.is_some_and(|length| length > limit);
@@ -101,7 +130,7 @@ async fn read(room: &BodyRoom, headers: &HeaderMap, body: Body, limit: usize) ->
         .map_err(|_| ApiError::BodyTimeout { seconds: PATIENCE.as_secs() })?
 }
 
-async fn collect(room: &BodyRoom, body: Body, limit: usize) -> Result<Bytes, ApiError> {
+async fn collect(room: &BodyRoom, body: Body, limit: usize) -> Result<(BytesMut, Held), ApiError> {
     let mut chunks = body.into_data_stream();
     let (mut bytes, mut held, mut units) = (BytesMut::new(), None, 0);
     let mut read = 0_usize;
@@ -125,7 +154,7 @@ async fn collect(room: &BodyRoom, body: Body, limit: usize) -> Result<Bytes, Api
     if read > limit {
         return Err(ApiError::TooLarge { limit });
     }
-    Ok(Bytes::from_owner(Received { bytes, _room: held }))
+    Ok((bytes, Held { _room: Arc::new(held) }))
 }
 
 #[cfg(test)]
@@ -136,7 +165,8 @@ mod tests {
     async fn bodies_share_their_room_and_give_it_back() {
         let room = BodyRoom::new(4 * UNIT);
         let (headers, limit) = (HeaderMap::new(), 100 * UNIT);
-        let receive = |units: usize| read(&room, &headers, Body::from(vec![b' '; units * UNIT]), limit);
+        let receive =
+            |units: usize| read_bundle(&room, &headers, Body::from(vec![b' '; units * UNIT]), limit);
         let first = receive(3).await.unwrap();
         assert_eq!(first.len(), 3 * UNIT);
         assert!(matches!(receive(2).await, Err(ApiError::TooManyBodies { .. })));

@@ -26,6 +26,10 @@ pub struct ServiceConfig {
     pub inline_plan_bytes: usize,
     /// Most problems that are validated at once.
     pub validations: usize,
+    /// Most connections that are open at once.
+    pub connections: usize,
+    /// Most of them from one address; not counted where `client_header` tells clients apart.
+    pub client_connections: usize,
     /// Most streams of events that are open at once.
     pub streams: usize,
     /// Most of them for one client.
@@ -34,6 +38,8 @@ pub struct ServiceConfig {
     pub keep_alive: Duration,
     /// Most registered workcells.
     pub workcells: usize,
+    /// Most bytes of all workcells and their files, those included that jobs still need.
+    pub workcells_bytes: u64,
     /// Bounds on what a bundle holds; the packed bundle is bounded as every body is.
     pub archive: ArchiveLimits,
     /// How long the mode graph of a workcell may be worked on.
@@ -58,10 +64,13 @@ impl Default for ServiceConfig {
             bodies_bytes: 512 << 20,
             inline_plan_bytes: 1 << 20,
             validations: processors,
+            connections: 8192,
+            client_connections: 4096,
             streams: 2048,
             client_streams: 256,
             keep_alive: Duration::from_secs(15),
             workcells: 100,
+            workcells_bytes: 1 << 30,
             archive: ArchiveLimits::default(),
             mode_graph_budget: Duration::from_secs(10),
             client_header: None,

@@ -15,8 +15,14 @@ use crate::wire::{Fault, FaultCode};
 pub const PROBLEM_JSON: &str = "application/problem+json";
 /// gRPC metadata that carries the problem document.
 pub const PROBLEM_METADATA: &str = "quadrille-problem-bin";
-/// Most faults that go into gRPC metadata, which clients bound to 16 KiB or so.
-const METADATA_FAULTS: usize = 16;
+/// gRPC metadata that carries the problem document's code alone.
+pub const CODE_METADATA: &str = "quadrille-code";
+/// When to try again to connect (s).
+const CONNECTION_RETRY_S: u64 = 5;
+/// Most bytes of a problem document in gRPC metadata: a third more in base64, where clients take 8 KiB.
+const METADATA_BYTES: usize = 4096;
+/// Longest detail there, and longest message of the status (characters).
+const METADATA_DETAIL: usize = 500;
 
 /// Why a request is refused.
 #[derive(Debug, thiserror::Error)]
@@ -52,6 +58,12 @@ pub enum ApiError {
         /// How many may be.
         limit: usize,
     },
+    /// Workcells would take more room than they may.
+    #[error("registered workcells take at most {limit} bytes in all; delete one first")]
+    NoRoomForWorkcell {
+        /// How many bytes they may take.
+        limit: u64,
+    },
     /// As many streams are open as may be.
     #[error("{limit} streams of events are open already; close one, or try again in {retry_after_s} s")]
     TooManyStreams {
@@ -59,6 +71,12 @@ pub enum ApiError {
         limit: usize,
         /// When to try again (s).
         retry_after_s: u64,
+    },
+    /// As many connections are open as may be.
+    #[error("{limit} connections are open already; close one, or try again in {CONNECTION_RETRY_S} s")]
+    TooManyConnections {
+        /// How many may be.
+        limit: usize,
     },
     /// The body is too large.
     #[error("the body is larger than {limit} bytes")]
@@ -118,6 +136,9 @@ pub enum ApiError {
     /// The service is not up, or about to end.
     #[error("the service is not ready")]
     Unavailable,
+    /// What is to be kept cannot be written: nothing of the request has happened.
+    #[error("the service cannot keep anything now, so it takes nothing in")]
+    StorageFailed,
     /// Our fault.
     #[error("the service failed on this request")]
     Internal,
@@ -152,7 +173,7 @@ impl ProblemDocument {
 
 impl ApiError {
     /// Every code that a refusal may have.
-    pub const CODES: [&'static str; 23] = [
+    pub const CODES: [&'static str; 25] = [
         "invalid_json",
         "invalid_problem",
         "goal_unreachable",
@@ -170,11 +191,13 @@ impl ApiError {
         "queue_full",
         "too_many_streams",
         "too_many_bodies",
+        "too_many_connections",
         "bad_bundle",
         "idempotency_mismatch",
         "job_not_ended",
         "workcells_full",
         "unavailable",
+        "storage_failed",
         "internal",
     ];
 
@@ -231,6 +254,9 @@ impl ApiError {
             E::TooManyStreams { .. } => {
                 (StatusCode::TOO_MANY_REQUESTS, "too_many_streams", "Too many open streams")
             }
+            E::TooManyConnections { .. } => {
+                (StatusCode::TOO_MANY_REQUESTS, "too_many_connections", "Too many connections")
+            }
             E::TooManyBodies { .. } => {
                 (StatusCode::TOO_MANY_REQUESTS, "too_many_bodies", "Too many bodies at once")
             }
@@ -241,8 +267,11 @@ impl ApiError {
                 "The key belongs to another request",
             ),
             E::NotEnded(_) => (StatusCode::CONFLICT, "job_not_ended", "The job has not ended"),
-            E::WorkcellsFull { .. } => (StatusCode::CONFLICT, "workcells_full", "Too many workcells"),
+            E::WorkcellsFull { .. } | E::NoRoomForWorkcell { .. } => {
+                (StatusCode::CONFLICT, "workcells_full", "No room for another workcell")
+            }
             E::Unavailable => (StatusCode::SERVICE_UNAVAILABLE, "unavailable", "Not ready"),
+            E::StorageFailed => (StatusCode::SERVICE_UNAVAILABLE, "storage_failed", "Nothing can be kept"),
             E::Internal => (StatusCode::INTERNAL_SERVER_ERROR, "internal", "Internal error"),
         }
     }
@@ -271,11 +300,13 @@ impl ApiError {
             | E::QueueFull(..)
             | E::TooManyStreams { .. }
             | E::TooManyBodies { .. }
-            | E::WorkcellsFull { .. } => tonic::Code::ResourceExhausted,
+            | E::TooManyConnections { .. }
+            | E::WorkcellsFull { .. }
+            | E::NoRoomForWorkcell { .. } => tonic::Code::ResourceExhausted,
             E::BodyTimeout { .. } => tonic::Code::DeadlineExceeded,
             E::NotFound { .. } | E::NoSolution => tonic::Code::NotFound,
             E::MethodNotAllowed => tonic::Code::Unimplemented,
-            E::Unavailable => tonic::Code::Unavailable,
+            E::Unavailable | E::StorageFailed => tonic::Code::Unavailable,
             E::Internal => tonic::Code::Internal,
         }
     }
@@ -298,7 +329,9 @@ impl ApiError {
             ApiError::QueueFull(..)
                 | ApiError::TooManyStreams { .. }
                 | ApiError::TooManyBodies { .. }
+                | ApiError::TooManyConnections { .. }
                 | ApiError::Unavailable
+                | ApiError::StorageFailed
                 | ApiError::BodyTimeout { .. }
                 | ApiError::BodyBroken
         );
@@ -313,13 +346,31 @@ impl ApiError {
         }
     }
 
+    /// The stable code.
+    pub fn code(&self) -> &'static str {
+        self.kind().1
+    }
+
+    /// The whole reply as it goes over a connection that is closed after it.
+    pub fn http_text(&self) -> String {
+        let body = serde_json::to_string(&self.document()).unwrap_or_default();
+        let retry =
+            self.retry_after_s().map(|seconds| format!("retry-after: {seconds}\r\n")).unwrap_or_default();
+        format!(
+            "HTTP/1.1 {}\r\ncontent-type: {PROBLEM_JSON}\r\ncontent-length: {}\r\n{retry}connection: close\r\n\r\n{body}",
+            self.status(),
+            body.len(),
+        )
+    }
+
     fn retry_after_s(&self) -> Option<u64> {
         match self {
             ApiError::QueueFull(_, seconds) => Some(*seconds),
             ApiError::TooManyStreams { retry_after_s, .. } | ApiError::TooManyBodies { retry_after_s } => {
                 Some(*retry_after_s)
             }
-            ApiError::Unavailable => Some(5),
+            ApiError::TooManyConnections { .. } => Some(CONNECTION_RETRY_S),
+            ApiError::Unavailable | ApiError::StorageFailed => Some(5),
             _ => None,
         }
     }
@@ -344,8 +395,19 @@ impl IntoResponse for ApiError {
 impl From<ApiError> for tonic::Status {
     fn from(error: ApiError) -> Self {
         let mut document = error.document();
-        document.errors.truncate(METADATA_FAULTS);
+        // The first faults, as many as fit.
+        let mut left = METADATA_BYTES;
+        let fits = document.errors.iter().take_while(|fault| {
+            let bytes = serde_json::to_vec(fault).map_or(usize::MAX, |text| text.len() + 1);
+            left.checked_sub(bytes).inspect(|rest| left = *rest).is_some()
+        });
+        let fits = fits.count();
+        document.errors.truncate(fits);
+        if let Some((end, _)) = document.detail.char_indices().nth(METADATA_DETAIL) {
+            document.detail.truncate(end);
+        }
         let mut metadata = MetadataMap::new();
+        metadata.insert(CODE_METADATA, MetadataValue::from_static(document.code));
         if let Ok(text) = serde_json::to_vec(&document) {
             metadata.insert_bin(PROBLEM_METADATA, MetadataValue::from_bytes(&text));
         }
@@ -368,6 +430,7 @@ impl From<RegistryError> for ApiError {
     fn from(error: RegistryError) -> Self {
         match error {
             RegistryError::Full(limit) => ApiError::WorkcellsFull { limit },
+            RegistryError::NoRoom(limit) => ApiError::NoRoomForWorkcell { limit },
             RegistryError::Store(error) => error.into(),
         }
     }

@@ -11,7 +11,7 @@ use serde_json::{Map, Value, json};
 use super::client::Client;
 use super::workcells::{Bundle, Workcells};
 use super::{ApiError, App};
-use crate::jobs::{Idempotency, JobRecord, JobRequest, ProblemReader, StoreError, Submission};
+use crate::jobs::{Idempotency, JobId, JobRecord, JobRequest, ProblemReader, StoreError, Submission, Ticket};
 use crate::plan::{Metrics, Plan, StepsProof};
 use crate::problem::Problem;
 use crate::wire::{
@@ -194,14 +194,24 @@ pub async fn blocking<T: Send + 'static>(
     work: impl FnOnce() -> Result<T, ApiError> + Send + 'static,
 ) -> Result<T, ApiError> {
     let permit = Arc::clone(&app.validations).acquire_owned().await.map_err(|_| ApiError::Unavailable)?;
-    let span = tracing::Span::current();
-    tokio::task::spawn_blocking(move || {
+    aside(app, move |_| {
         // Held by the work itself: a client that leaves does not make room for more.
         let _permit = permit;
-        span.in_scope(work)
+        work()
     })
     .await
-    .map_err(|error| {
+}
+
+/// Runs `work`, which may wait for the disk, on a thread of its own, so that no other request waits with it.
+///
+/// # Errors
+/// Those of `work`, and [`ApiError::Internal`] when it panics.
+pub async fn aside<T: Send + 'static>(
+    app: &Arc<App>,
+    work: impl FnOnce(&App) -> Result<T, ApiError> + Send + 'static,
+) -> Result<T, ApiError> {
+    let (shared, span) = (Arc::clone(app), tracing::Span::current());
+    tokio::task::spawn_blocking(move || span.in_scope(|| work(&shared))).await.map_err(|error| {
         app.figures.panicked();
         tracing::error!(%error, "a request's work panicked");
         ApiError::Internal
@@ -263,9 +273,17 @@ pub async fn accept(
     key: Option<String>,
 ) -> Result<JobRecord, ApiError> {
     let arrived = Instant::now();
-    let Some(key) = key else { return accept_new(app, Parsed::Not(source), client, None, arrived).await };
+    let Some(key) = key else {
+        // A full queue refuses before any work is done.
+        let ticket = app.jobs.reserve(&client.0)?;
+        return accept_new(app, ticket, Parsed::Not(source), client, None, arrived).await;
+    };
     let lock = app.keys.of(&key);
     let _alone = lock.lock().await;
+    let place = match app.jobs.store().keyed(&key)? {
+        Some(known) => Place::Known(known),
+        None => Place::Reserved(app.jobs.reserve(&client.0)?),
+    };
     let shared = Arc::clone(app);
     let (document, digest) = blocking(app, move || {
         let document = source.parse(&shared.config.read_limits)?;
@@ -273,16 +291,27 @@ pub async fn accept(
         Ok((document, digest))
     })
     .await?;
-    if let Some((job, known)) = app.jobs.store().keyed(&key)? {
-        return if known == digest { Ok(app.jobs.store().record(job)?) } else { Err(ApiError::KeyTaken) };
-    }
+    let same = |job, known: &str| {
+        if known == digest { Ok(app.jobs.store().record(job)?) } else { Err(ApiError::KeyTaken) }
+    };
+    let ticket = match place {
+        Place::Known((job, known)) => return same(job, &known),
+        Place::Reserved(ticket) => ticket,
+    };
     let idempotency = Idempotency { key, digest: digest.clone() };
-    match accept_new(app, Parsed::Yes(document), client, Some(idempotency), arrived).await {
+    match accept_new(app, ticket, Parsed::Yes(document), client, Some(idempotency), arrived).await {
         // Another process was faster.
-        Err(ApiError::KeyHeld(job, known)) if known == digest => Ok(app.jobs.store().record(job)?),
-        Err(ApiError::KeyHeld(..)) => Err(ApiError::KeyTaken),
+        Err(ApiError::KeyHeld(job, known)) => same(job, &known),
         result => result,
     }
+}
+
+/// Where a request under an idempotency key belongs.
+enum Place {
+    /// To this job, made by a request with this digest.
+    Known((JobId, String)),
+    /// Into the queue.
+    Reserved(Ticket),
 }
 
 enum Parsed {
@@ -292,12 +321,12 @@ enum Parsed {
 
 async fn accept_new(
     app: &Arc<App>,
+    ticket: Ticket,
     parsed: Parsed,
     client: &Client,
     idempotency: Option<Idempotency>,
     arrived: Instant,
 ) -> Result<JobRecord, ApiError> {
-    let ticket = app.jobs.reserve(&client.0)?;
     let (shared, owner) = (Arc::clone(app), client.clone());
     let record = blocking(app, move || {
         let limits = &shared.config.read_limits;
@@ -351,10 +380,11 @@ impl From<StoreError> for ApiError {
             StoreError::UnknownJob(job) => ApiError::NotFound { what: format!("job {job}") },
             StoreError::NotEnded(job) => ApiError::NotEnded(job),
             StoreError::KeyTaken { job, digest } => ApiError::KeyHeld(job, digest),
-            StoreError::OutOfTurn { .. }
-            | StoreError::Fenced { .. }
-            | StoreError::Leased(_)
-            | StoreError::Broken(_) => {
+            StoreError::Broken(why) => {
+                tracing::error!(why, "the store failed");
+                ApiError::StorageFailed
+            }
+            StoreError::OutOfTurn { .. } | StoreError::Fenced { .. } | StoreError::Leased(_) => {
                 tracing::error!(%error, "the store refused");
                 ApiError::Internal
             }

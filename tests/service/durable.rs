@@ -6,7 +6,8 @@ use futures::StreamExt;
 use quadrille::service::ServiceConfig;
 use serde_json::{Value, json};
 
-use crate::process::{Process, soak};
+use crate::figures::Figures;
+use crate::process::Process;
 use crate::script::problem;
 use crate::server::Server;
 
@@ -132,10 +133,8 @@ async fn a_poisonous_job_is_given_up() {
         assert!(end["state"] == "SUCCEEDED" || lost, "{end}");
     }
     assert!(!process.has_ended());
-    println!(
-        "a job that ends the process each time ended after 3 attempts, {} others were done",
-        jobs.len() - 1
-    );
+    let others = format!("after 3 attempts; {} others were done", jobs.len() - 1);
+    Figures::of("durability").note("a job that ends the process each time has ended", others);
 }
 
 #[tokio::test]
@@ -172,15 +171,11 @@ async fn sigterm_gives_jobs_back_and_ends_streams() {
     let ended = told.elapsed();
     assert!(process.wait().success());
     let (gone, limit) = (told.elapsed(), ServiceConfig::default().drain);
-    println!(
-        "SIGTERM with 100 streams: they ended within {:.0} ms, the process within {:.0} ms of {:.0} s",
-        ended.as_secs_f64() * 1e3,
-        gone.as_secs_f64() * 1e3,
-        limit.as_secs_f64()
-    );
-    if soak() {
-        assert!(gone < limit, "{gone:?}");
-    }
+    let mut figures = Figures::of("durability");
+    let took = |span: Duration| format!("{:.0} ms", span.as_secs_f64() * 1e3);
+    figures.note("SIGTERM with 100 streams: they have ended cleanly", took(ended));
+    let mark = format!("{} s to drain", limit.as_secs_f64());
+    figures.mark("SIGTERM with running jobs: the process has ended", took(gone), &mark, gone < limit);
 
     let process = Process::start(folder.path());
     let mut resumed = 0;
@@ -201,8 +196,44 @@ async fn sigterm_gives_jobs_back_and_ends_streams() {
         assert!(given_back.iter().all(|event| event["cause"] == "shutdown"), "{given_back:?}");
         resumed += given_back.len();
     }
-    println!("{} jobs went on at the next start, {resumed} of them from where they were", jobs.len());
+    let all = format!("all {}, {resumed} of them from where they were", jobs.len());
+    figures.note("jobs that went on at the next start", all);
     assert!(resumed > 0, "some ran");
+    figures.finish();
+}
+
+/// A disk that takes no more ends the process, not the jobs: what was accepted is there at the next start.
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_full_disk_loses_nothing_that_was_accepted() {
+    let folder = tempfile::tempdir().unwrap();
+    let client = reqwest::Client::builder().no_proxy().build().unwrap();
+    let settings = ["--data-dir", folder.path().to_str().unwrap(), "--workers", "1", "--queue-limit", "1000"];
+    let mut process = Process::product_on_a_small_disk(&settings, 3 << 10);
+    let mut body = problem("long");
+    body["options"] = json!({"time_budget_s": 3600.0});
+    // Some hundred kilobytes each.
+    let robot = quadrille::kinematics::library("iiwa14").unwrap();
+    let padded = format!("{}<!-- {} -->", robot.urdf, "x".repeat(300_000));
+    body["workcell"]["robots"]["iiwa14"] = json!({"urdf_xml": padded, "srdf_xml": robot.srdf});
+    let mut accepted = Vec::new();
+    let refused = loop {
+        let reply = client.post(process.url("/v1/jobs")).body(body.to_string()).send().await.unwrap();
+        match reply.status().as_u16() {
+            202 => accepted.push(reply.headers()["location"].to_str().unwrap().to_owned()),
+            status => break (status, crate::server::problem_document(reply).await),
+        }
+        assert!(accepted.len() < 100, "the disk never fills up");
+    };
+    assert_eq!((refused.0, &refused.1["code"]), (503, &json!("storage_failed")));
+    assert!(!accepted.is_empty());
+    assert_eq!(process.wait().code(), Some(2), "whoever minds it starts it again");
+
+    let process = Process::product(&settings);
+    let listed: Value = client.get(process.url("/v1/jobs")).send().await.unwrap().json().await.unwrap();
+    let mut there: Vec<&str> =
+        listed["jobs"].as_array().unwrap().iter().map(|job| job["links"]["self"].as_str().unwrap()).collect();
+    there.reverse();
+    assert_eq!(there, accepted);
 }
 
 #[tokio::test]

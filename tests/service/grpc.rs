@@ -1,12 +1,12 @@
 //! The same over gRPC, on the same port.
 
-use futures::StreamExt;
+use futures::{SinkExt, StreamExt};
 use quadrille::service::PROBLEM_METADATA;
 use quadrille::service::proto::event::Body;
 use quadrille::service::proto::planning_client::PlanningClient;
 use quadrille::service::proto::{
     CancelJobRequest, CreateJobRequest, GetJobRequest, GetScenarioRequest, GetSolutionRequest, JobState,
-    ListJobsRequest, ListScenariosRequest, PlanRequest, TerminationReason, WatchJobRequest,
+    ListJobsRequest, ListScenariosRequest, PlanRequest, TerminationReason, ValidateRequest, WatchJobRequest,
 };
 use serde_json::Value;
 use tonic::Code;
@@ -84,6 +84,20 @@ async fn jobs_are_made_watched_and_cancelled() {
     let listed = client.list_jobs(ListJobsRequest::default()).await.unwrap().into_inner().jobs;
     assert_eq!(listed.len(), 1);
     assert_eq!((&listed[0].id, listed[0].state()), (&job_id, JobState::Cancelled));
+    // Pages, the newest first.
+    let request = CreateJobRequest { problem_json: problem("nothing").to_string(), options: None };
+    let second = client.create_job(request).await.unwrap().into_inner().id;
+    let (mut seen, mut before) = (Vec::new(), String::new());
+    loop {
+        let page = ListJobsRequest { limit: 1, before: before.clone(), ..ListJobsRequest::default() };
+        let page = client.list_jobs(page).await.unwrap().into_inner();
+        seen.extend(page.jobs.into_iter().map(|job| job.id));
+        before = page.next;
+        if before.is_empty() {
+            break;
+        }
+    }
+    assert_eq!(seen, [second, job_id.clone()]);
     // Who has everything gets an empty stream.
     let rest = client.watch_job(WatchJobRequest { job_id, after: 4 }).await.unwrap().into_inner();
     assert_eq!(rest.count().await, 0);
@@ -114,7 +128,62 @@ async fn refusals_carry_the_problem_document() {
     let status = client.plan(plan(problem("wait").to_string())).await.unwrap_err();
     assert_eq!(status.code(), Code::ResourceExhausted);
     let huge = client.plan(plan(" ".repeat(50_000_000))).await.unwrap_err();
-    assert!(matches!(huge.code(), Code::OutOfRange | Code::ResourceExhausted), "{huge:?}");
+    assert_eq!((huge.code(), refusal(&huge)["code"].as_str()), (Code::ResourceExhausted, Some("too_large")));
+    // More faults than metadata holds: as many as fit.
+    let mut many = problem("nothing");
+    for number in 0..100 {
+        many[format!("unknown_{number}_{}", "x".repeat(200))] = 1.into();
+    }
+    let status = client.plan(plan(many.to_string())).await.unwrap_err();
+    let told = refusal(&status)["errors"].as_array().unwrap().len();
+    assert!((1..100).contains(&told), "{told}");
+}
+
+/// The problem document of a refused call; its code stands in the metadata too.
+fn refusal(status: &tonic::Status) -> Value {
+    let document = status.metadata().get_bin(PROBLEM_METADATA).unwrap().to_bytes().unwrap();
+    let document: Value = serde_json::from_slice(&document).unwrap();
+    assert_eq!(status.metadata().get("quadrille-code").unwrap().to_str().unwrap(), document["code"]);
+    document
+}
+
+/// Calls and HTTP requests share the memory for bodies.
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn messages_are_counted_as_bodies_are() {
+    let server = Server::with(|config| config.bodies_bytes = 1 << 20).await;
+    let mut client = client(&server).await;
+    let validate = |kib: usize| {
+        let problem_json = format!("{}{}", problem("x"), " ".repeat(kib << 10));
+        ValidateRequest { problem_json }
+    };
+    client.validate(validate(300)).await.unwrap();
+    // A body over HTTP that has not come to its end.
+    let (mut send, body) = futures::channel::mpsc::channel::<Result<Vec<u8>, std::io::Error>>(1);
+    let request = server.client.post(server.url("/v1/validate")).header("content-type", "application/json");
+    let slow = tokio::spawn(request.body(reqwest::Body::wrap_stream(body)).send());
+    send.send(Ok(vec![b' '; 900 << 10])).await.unwrap();
+    let status = loop {
+        match client.validate(validate(300)).await {
+            Err(status) => break status,
+            // The body is still on its way.
+            Ok(_) => tokio::time::sleep(std::time::Duration::from_millis(5)).await,
+        }
+    };
+    assert_eq!(
+        (status.code(), refusal(&status)["code"].as_str()),
+        (Code::ResourceExhausted, Some("too_many_bodies"))
+    );
+    // Whoever is refused takes no room, and there is room again once the other has gone.
+    client.validate(validate(50)).await.unwrap();
+    send.send(Ok(problem("x").to_string().into_bytes())).await.unwrap();
+    drop(send);
+    assert_eq!(slow.await.unwrap().unwrap().status(), 200);
+    client.validate(validate(300)).await.unwrap();
+    // More than all the room there is.
+    let status = client.validate(validate(1500)).await.unwrap_err();
+    assert_eq!(refusal(&status)["code"], "too_many_bodies");
+    let figures = server.get("/metrics").await.text().await.unwrap();
+    assert!(figures.contains("quadrille_rejects_total{code=\"too_many_bodies\"}"), "{figures}");
 }
 
 #[tokio::test]

@@ -9,6 +9,7 @@ use quadrille::run::Seed;
 use rand::Rng;
 use serde_json::Value;
 
+use crate::figures::Figures;
 use crate::process::{Process, soak};
 use crate::script::problem;
 
@@ -134,12 +135,11 @@ async fn nothing_that_was_told_is_lost() {
     for (job, seq) in told.events.keys() {
         assert!(jobs.contains(job), "{job} {seq}");
     }
-    println!(
-        "{kills} kills in {:.0} s, {} jobs accepted, {} events seen, {incumbents} plans kept, {lost_workers} jobs lost \
-         their worker three times, none lost",
-        began.elapsed().as_secs_f64(),
-        jobs.len(),
-        told.events.len(),
-    );
+    let figures = Figures::of("kills");
+    figures.note("`kill -9` under load", format!("{kills} in {:.0} s", began.elapsed().as_secs_f64()));
+    figures.note("jobs accepted, each with one end", format!("{}, none lost", jobs.len()));
+    figures.note("events seen, all still there under their numbers", told.events.len().to_string());
+    figures.note("plans kept, each better than the one before", incumbents.to_string());
+    figures.note("jobs given up after three lost processes", lost_workers.to_string());
     assert!(!jobs.is_empty() && incumbents > 0);
 }

@@ -1,10 +1,11 @@
 //! The service over real sockets, with a planner that follows a script: jobs, streams, bad input, shutdown, gRPC,
 //! durability, limits, the written interface, foreign clients.
 //!
-//! `QUADRILLE_SOAK=1` (or `make soak`) runs the long forms of kills, load and fuzzing, and prints their figures.
+//! `QUADRILLE_SOAK=1` runs the long forms of kills, load and fuzzing; `make soak` runs them all and prints their figures.
 
 mod bad_input;
 mod durable;
+mod figures;
 mod foreign;
 mod fuzz;
 mod grpc;

@@ -1,5 +1,8 @@
 //! What an operator sees: figures, request ids.
 
+use serde_json::{Value, json};
+
+use crate::process::Process;
 use crate::script::problem;
 use crate::server::Server;
 
@@ -58,4 +61,34 @@ async fn only_plain_request_ids_are_taken_over() {
         assert_eq!(id == given, kept, "{given}: {id}");
         assert!(!id.is_empty());
     }
+}
+
+/// By the log a request leads to its job, and a job to its end.
+#[tokio::test]
+async fn log_lines_carry_the_ids_of_requests_and_jobs() {
+    let folder = tempfile::tempdir().unwrap();
+    let log = folder.path().join("log");
+    let mut process = Process::logged(&["--workers", "1"], &log);
+    let client = reqwest::Client::builder().no_proxy().build().unwrap();
+    let mut body = problem("x");
+    body["options"] = json!({"time_budget_s": 60.0, "stop": {"first_solution": true}});
+    let request = client.post(process.url("/v1/plan")).header("x-request-id", "line-7");
+    let reply = request.body(body.to_string()).send().await.unwrap();
+    assert_eq!(reply.headers()["x-request-id"], "line-7");
+    let job = reply.headers()["location"].to_str().unwrap().rsplit('/').next().unwrap().to_owned();
+    reply.text().await.unwrap();
+    process.terminate();
+    assert!(process.wait().success());
+    let text = std::fs::read_to_string(log).unwrap();
+    let lines: Vec<Value> = text.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
+    let said = |message: &str| {
+        let line = lines.iter().find(|line| line["fields"]["message"] == message);
+        line.unwrap_or_else(|| panic!("`{message}` in {text}"))
+    };
+    let accepted = said("job accepted");
+    assert_eq!((&accepted["span"]["id"], &accepted["fields"]["job"]), (&json!("line-7"), &json!(job)));
+    assert_eq!(said("job ended")["fields"]["job"], json!(job));
+    // The settings that hold stand in the first line.
+    let limits: Value = serde_json::from_str(lines[0]["fields"]["limits"].as_str().unwrap()).unwrap();
+    assert_eq!((&lines[0]["fields"]["message"], &limits["workers"]), (&json!("listening"), &json!(1)));
 }

@@ -1,5 +1,6 @@
 //! A service in a process of its own, which can be killed: this very test binary, asked to serve.
 
+use std::ffi::OsString;
 use std::io::{BufRead, BufReader, Read};
 use std::net::SocketAddr;
 use std::path::Path;
@@ -39,6 +40,11 @@ impl Drop for Process {
     }
 }
 
+/// The product; `QUADRILLE_BINARY` names a copy that nobody builds anew meanwhile.
+fn product() -> OsString {
+    std::env::var_os("QUADRILLE_BINARY").unwrap_or_else(|| env!("CARGO_BIN_EXE_quadrille").into())
+}
+
 impl Process {
     /// Starts a service with the scripted planner, which keeps its jobs in `folder`.
     pub fn start(folder: &Path) -> Self {
@@ -49,13 +55,35 @@ impl Process {
 
     /// Starts the product itself.
     pub fn product(arguments: &[&str]) -> Self {
-        let mut command = Command::new(env!("CARGO_BIN_EXE_quadrille"));
+        let mut command = Command::new(product());
         command.args(["serve", "--listen", "127.0.0.1:0"]).args(arguments).env("QUADRILLE_LOG", "error");
         Self::spawn(command)
     }
 
-    fn spawn(mut command: Command) -> Self {
-        let mut child = command.stdout(Stdio::piped()).stderr(Stdio::null()).spawn().unwrap();
+    /// The product itself, whose log goes into a file as JSON.
+    pub fn logged(arguments: &[&str], log: &Path) -> Self {
+        let mut command = Command::new(product());
+        command.args(["serve", "--listen", "127.0.0.1:0", "--log-format", "json"]).args(arguments);
+        command.env_remove("QUADRILLE_LOG");
+        Self::spawn_logging(command, std::fs::File::create(log).unwrap().into())
+    }
+
+    /// The product itself, on a disk that takes files of at most `kib` KiB.
+    pub fn product_on_a_small_disk(arguments: &[&str], kib: u32) -> Self {
+        let mut command = Command::new("bash");
+        // The signal that goes with the limit is ignored, which leaves an error of the write.
+        command.args(["-c", "trap '' XFSZ; ulimit -f $0 && exec \"$@\"", &kib.to_string()]);
+        command.arg(product()).args(["serve", "--listen", "127.0.0.1:0"]);
+        command.args(arguments).env("QUADRILLE_LOG", "error");
+        Self::spawn(command)
+    }
+
+    fn spawn(command: Command) -> Self {
+        Self::spawn_logging(command, Stdio::null())
+    }
+
+    fn spawn_logging(mut command: Command, log: Stdio) -> Self {
+        let mut child = command.stdout(Stdio::piped()).stderr(log).spawn().unwrap();
         let mut output = BufReader::new(child.stdout.take().unwrap());
         // What the test runner prints may stand before it on the line.
         let address = output.by_ref().lines().map_while(Result::ok).find_map(|line| {
@@ -106,6 +134,25 @@ impl Process {
         let status = std::fs::read_to_string(format!("/proc/{}/status", self.id())).unwrap_or_default();
         let line = status.lines().find_map(|line| line.strip_prefix("VmRSS:")).unwrap_or("0 kB");
         line.trim().trim_end_matches(" kB").trim().parse::<u64>().unwrap_or(0) * 1024
+    }
+
+    /// Time (s) that planner threads have had a processor, that they were ready and had none, and that all other threads have had
+    /// one.
+    pub fn times(&self) -> (f64, f64, f64) {
+        let (mut ran, mut waited, mut others) = (0.0, 0.0, 0.0);
+        let tasks = std::fs::read_dir(format!("/proc/{}/task", self.id()));
+        for task in tasks.into_iter().flatten().flatten().map(|task| task.path()) {
+            let name = std::fs::read_to_string(task.join("comm")).unwrap_or_default();
+            let times = std::fs::read_to_string(task.join("schedstat")).unwrap_or_default();
+            let mut times = times.split(' ').map(|word| word.parse::<f64>().unwrap_or(0.0) / 1e9);
+            if name.starts_with("planner") {
+                ran += times.next().unwrap_or(0.0);
+                waited += times.next().unwrap_or(0.0);
+            } else {
+                others += times.next().unwrap_or(0.0);
+            }
+        }
+        (ran, waited, others)
     }
 
     /// Durable events of a job, once it has ended.

@@ -6,6 +6,7 @@ use std::collections::BTreeSet;
 use quadrille::service::{self, ServiceConfig};
 use serde_json::{Value, json};
 
+use crate::figures::Figures;
 use crate::script::problem;
 use crate::server::{Server, problem_document};
 
@@ -41,7 +42,8 @@ async fn a_hundred_requests_under_one_key_are_one_job() {
         let request = server.client.post(server.url("/v1/jobs")).header("idempotency-key", bad.as_bytes());
         assert_eq!(server.refused(request.body("{}"), 400).await["code"], "bad_parameter", "{bad}");
     }
-    println!("100 requests under one key: {} job, 100 replies with its place", locations.len());
+    Figures::of("requests")
+        .note("100 requests at once under one key", "1 job, 100 replies with its Location");
     // A stream under the key is that of the same job.
     let request = server.client.post(server.url("/v1/plan")).header("idempotency-key", "order-1");
     let reply = request.body(body.to_string()).send().await.unwrap();
@@ -263,4 +265,38 @@ async fn no_client_takes_it_all() {
     while watch("third").await.unwrap().status() != 200 {
         tokio::time::sleep(std::time::Duration::from_millis(10)).await;
     }
+}
+
+#[tokio::test]
+async fn no_address_takes_all_connections() {
+    use tokio::io::{AsyncReadExt, AsyncWriteExt};
+    use tokio::net::TcpStream;
+    let server = Server::with(|config| {
+        config.connections = 3;
+        config.client_connections = 2;
+    })
+    .await;
+    let mut held = Vec::new();
+    for _ in 0..2 {
+        let mut stream = TcpStream::connect(server.address).await.unwrap();
+        stream.write_all(b"GET /livez HTTP/1.1\r\nhost: x\r\n\r\n").await.unwrap();
+        assert_eq!(stream.read_u8().await.unwrap(), b'H');
+        held.push(stream);
+    }
+    let mut third = TcpStream::connect(server.address).await.unwrap();
+    let mut text = String::new();
+    third.read_to_string(&mut text).await.unwrap();
+    assert!(text.starts_with("HTTP/1.1 429 ") && text.contains("\r\nretry-after: "), "{text}");
+    let document: Value = serde_json::from_str(text.split_once("\r\n\r\n").unwrap().1).unwrap();
+    assert_eq!(document["code"], "too_many_connections");
+    drop(held);
+    // Their ends are noticed in a moment.
+    let mut tries = 0;
+    while server.client.get(server.url("/livez")).send().await.is_err() {
+        tries += 1;
+        assert!(tries < 1000, "there is room again");
+        tokio::time::sleep(std::time::Duration::from_millis(10)).await;
+    }
+    let figures = server.get("/metrics").await.text().await.unwrap();
+    assert!(figures.contains("quadrille_rejects_total{code=\"too_many_connections\"}"), "{figures}");
 }

@@ -1,8 +1,12 @@
 //! Streams of events: formats, resuming, signs of life, shutdown.
 
+use std::time::Duration;
+
 use futures::StreamExt;
+use quadrille::service::ServiceConfig;
 use serde_json::Value;
 
+use crate::figures::Figures;
 use crate::process::soak;
 use crate::script::problem;
 use crate::server::{Server, lines, problem_document};
@@ -100,6 +104,20 @@ async fn readers_resume_where_they_left_off() {
     }
 }
 
+/// Whoever claims to have seen more than there is gets what comes from now on, the end included.
+#[tokio::test]
+async fn a_reader_from_the_future_sees_the_end() {
+    let server = Server::start(1, 8).await;
+    let job = server.create("wait").await;
+    server.until(&job, "incumbent").await;
+    let (events, _) = tokio::join!(server.events(&job, 1000), async {
+        tokio::time::sleep(Duration::from_millis(50)).await;
+        server.post(&format!("{job}/cancel"), "").await
+    });
+    let durable: Vec<&Value> = events.iter().filter(|event| event["type"] != "progress").collect();
+    assert!(matches!(&durable[..], [end] if end["type"] == "terminal"), "{events:?}");
+}
+
 #[tokio::test]
 async fn two_readers_of_a_running_job_see_the_same() {
     let server = Server::start(1, 8).await;
@@ -145,7 +163,8 @@ async fn a_reader_that_keeps_coming_back_misses_nothing() {
     let numbers: Vec<u64> = stayed.iter().filter_map(|event| event["seq"].as_u64()).collect();
     assert_eq!(numbers, (1..=plans + 3).collect::<Vec<_>>());
     assert_eq!(returned, stayed);
-    println!("two readers saw the same {} events in order, one of them in {visits} visits", stayed.len());
+    let seen = format!("both, all {}, the second in {visits} visits", stayed.len());
+    Figures::of("streams").note("two readers saw every durable event once, in order", seen);
 }
 
 #[tokio::test]
@@ -164,6 +183,32 @@ async fn signs_of_life_are_not_numbered() {
     let rest = server.events(&job, 3).await;
     let durable: Vec<&Value> = rest.iter().filter(|event| event["type"] != "progress").collect();
     assert!(matches!(&durable[..], [end] if end["type"] == "terminal" && end["seq"] == 4), "{rest:?}");
+}
+
+/// A stream over which nothing happens shows that it is alive; lines have no way to say so.
+#[tokio::test]
+async fn silent_streams_show_that_they_are_alive() {
+    assert_eq!(ServiceConfig::default().keep_alive, Duration::from_secs(15));
+    let server = Server::with(|config| {
+        config.jobs.workers = 1;
+        config.keep_alive = Duration::from_millis(20);
+    })
+    .await;
+    let running = server.create("wait").await;
+    server.until(&running, "incumbent").await;
+    let waiting = server.create("improve 1").await;
+    for (accept, alive) in [("text/event-stream", true), ("application/x-ndjson", false)] {
+        let request = server.client.get(server.url(&format!("{waiting}/events"))).header("accept", accept);
+        let mut stream = request.send().await.unwrap().bytes_stream();
+        let mut text = String::new();
+        let wait = Duration::from_millis(if alive { 60_000 } else { 200 });
+        let all = tokio::time::timeout(wait, async {
+            while text.matches(": alive\n\n").count() < 3 {
+                text.push_str(std::str::from_utf8(&stream.next().await.unwrap().unwrap()).unwrap());
+            }
+        });
+        assert_eq!(all.await.is_ok(), alive, "{accept}: {text}");
+    }
 }
 
 #[tokio::test]

@@ -18,7 +18,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 use redb::backends::InMemoryBackend;
-use redb::{Database, ReadTransaction, ReadableDatabase, ReadableTable, WriteTransaction};
+use redb::{Database, DatabaseError, ReadTransaction, ReadableDatabase, ReadableTable, WriteTransaction};
 
 use self::codec::{
     Kept, decode_event, decode_record, decode_request, encode_event, encode_record, encode_request,
@@ -76,6 +76,8 @@ pub struct EmbeddedStore {
     /// What is in memory. Never held over a commit, so that readers do not wait for the disk.
     inner: Mutex<Inner>,
     loaned: Loaned,
+    /// Why the last thing could not be written. After a failure of the disk redb refuses all else.
+    failure: Mutex<Option<String>>,
 }
 
 #[derive(Default)]
@@ -139,7 +141,11 @@ impl EmbeddedStore {
     pub fn open(folder: &Path, retention: Retention) -> Result<Self, StoreError> {
         std::fs::create_dir_all(folder).map_err(broken)?;
         let path = folder.join(FILE);
-        let database = Database::builder().set_cache_size(CACHE).create(path).map_err(broken)?;
+        let database =
+            Database::builder().set_cache_size(CACHE).create(&path).map_err(|error| match error {
+                DatabaseError::DatabaseAlreadyOpen => broken(format!("{FILE} is in use by another process")),
+                error => broken(format!("{FILE}: {error}")),
+            })?;
         Self::over(database, retention)
     }
 
@@ -168,6 +174,7 @@ impl EmbeddedStore {
             writing: Mutex::default(),
             inner: Mutex::new(inner),
             loaned: Loaned::default(),
+            failure: Mutex::default(),
         })
     }
 
@@ -193,10 +200,21 @@ impl EmbeddedStore {
         &self,
         act: impl FnOnce(&WriteTransaction) -> Result<T, StoreError>,
     ) -> Result<T, StoreError> {
-        let transaction = self.database.begin_write().map_err(broken)?;
-        let value = act(&transaction)?;
-        transaction.commit().map_err(broken)?;
-        Ok(value)
+        let written = || {
+            let transaction = self.database.begin_write().map_err(broken)?;
+            let value = act(&transaction)?;
+            transaction.commit().map_err(broken)?;
+            Ok(value)
+        };
+        let result = written();
+        let mut failure = self.failure.lock().unwrap_or_else(PoisonError::into_inner);
+        match &result {
+            Ok(_) => *failure = None,
+            // What came first is the cause of what follows.
+            Err(StoreError::Broken(why)) if failure.is_none() => *failure = Some(why.clone()),
+            Err(_) => {}
+        }
+        result
     }
 
     fn kept(&self, job: JobId) -> Result<Kept, StoreError> {
@@ -241,6 +259,10 @@ impl EmbeddedStore {
 }
 
 impl JobStore for EmbeddedStore {
+    fn failure(&self) -> Option<String> {
+        self.failure.lock().unwrap_or_else(PoisonError::into_inner).clone()
+    }
+
     fn create(&self, job: NewJob) -> Result<JobRecord, StoreError> {
         let _writing = self.begin();
         let id = job.id.as_u128();
@@ -375,6 +397,10 @@ impl JobStore for EmbeddedStore {
             if !matches!(event.body, EventBody::Started | EventBody::Incumbent(_)) {
                 let mut leases = transaction.open_table(LEASES).map_err(broken)?;
                 leases.remove(id).map_err(broken)?;
+            }
+            if kept.record.state.is_terminal() {
+                // Nobody runs it again: what was asked for would only take room.
+                tables::forget_request(transaction, id)?;
             }
             tables::put(transaction, RECORDS, id, &encode_record(&kept))
         })?;

@@ -60,6 +60,15 @@ pub(super) fn sign_of_life(
     Ok(())
 }
 
+/// Removes what a job's client asked for.
+pub(super) fn forget_request(transaction: &WriteTransaction, id: u128) -> Result<(), StoreError> {
+    for table in [PROBLEMS, REQUESTS] {
+        let mut table = transaction.open_table(table).map_err(broken)?;
+        table.remove(id).map_err(broken)?;
+    }
+    Ok(())
+}
+
 /// Removes all of a job.
 pub(super) fn forget(transaction: &WriteTransaction, job: JobId) -> Result<(), StoreError> {
     let id = job.as_u128();
@@ -68,10 +77,7 @@ pub(super) fn forget(transaction: &WriteTransaction, job: JobId) -> Result<(), S
         Some(value) => decode_record(job, value.value())?,
         None => return Err(StoreError::UnknownJob(job)),
     };
-    for table in [PROBLEMS, REQUESTS] {
-        let mut table = transaction.open_table(table).map_err(broken)?;
-        table.remove(id).map_err(broken)?;
-    }
+    forget_request(transaction, id)?;
     for table in [EVENTS, PLANS] {
         let mut table = transaction.open_table(table).map_err(broken)?;
         table.retain_in((id, 0)..=(id, u64::MAX), |_, _| false).map_err(broken)?;

@@ -181,7 +181,10 @@ fn an_idempotency_key_belongs_to_one_job_for_as_long_as_that_is_kept() {
     assert_eq!(store.list(&all(10)).unwrap().len(), 1);
     assert_eq!(store.delete(first), Err(StoreError::NotEnded(first)));
     let cancelled = Terminal { reason: TerminationReason::ClientCancel, metrics: None, diagnosis: None };
+    assert!(store.request(first).is_ok());
     store.append(first, None, Timestamp::now(), EventBody::Terminal(cancelled)).unwrap();
+    assert_eq!(store.request(first), Err(StoreError::UnknownJob(first)), "nobody runs it again");
+    assert_eq!(store.keyed("k").unwrap().unwrap().0, first);
     store.delete(first).unwrap();
     assert_eq!(store.delete(first), Err(StoreError::UnknownJob(first)));
     assert_eq!(store.keyed("k").unwrap(), None);

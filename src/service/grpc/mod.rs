@@ -6,12 +6,19 @@ mod planning;
 use std::sync::Arc;
 
 use axum::Router;
+use axum::body::Body;
+use axum::extract::{Request, State};
+use axum::middleware::{self, Next};
+use axum::response::Response;
+use tonic::Status;
+use tonic::server::NamedService;
 use tonic::service::Routes;
 use tonic_health::server::HealthReporter;
 
 use self::planning::PlanningService;
 use self::proto::planning_server::PlanningServer;
 use super::App;
+use super::body::read;
 
 /// What `api/quadrille/v1/planning.proto` defines, messages, server and client.
 #[allow(missing_docs, clippy::all, clippy::pedantic)]
@@ -27,11 +34,11 @@ const ENVELOPE: usize = 64 << 10;
 
 /// The gRPC routes: planning, health, reflection.
 pub(super) fn router(app: Arc<App>) -> Router {
-    // A problem and a plan, each within the bound.
-    let largest = app.config.read_limits.max_bytes.saturating_mul(2) + ENVELOPE;
+    // Messages are bounded where they are received.
     let planning = PlanningServer::new(PlanningService::new(Arc::clone(&app)))
-        .max_decoding_message_size(largest)
+        .max_decoding_message_size(usize::MAX)
         .max_encoding_message_size(usize::MAX);
+    let receiving = middleware::from_fn_with_state(Arc::clone(&app), receive);
     let health = HealthReporter::new();
     let health_server = tonic_health::pb::health_server::HealthServer::new(
         tonic_health::server::HealthService::from_health_reporter(health.clone()),
@@ -51,7 +58,26 @@ pub(super) fn router(app: Arc<App>) -> Router {
         (Err(error), _) | (_, Err(error)) => tracing::error!(%error, "no reflection service"),
     }
     // What no service answers falls through to the HTTP routes' own 404.
-    routes.routes().into_axum_router().reset_fallback()
+    routes.routes().into_axum_router().reset_fallback().layer(receiving)
+}
+
+/// Receives the message of a call to the planning service as HTTP receives a body: bounded in size and
+/// time, and in memory together with all others.
+async fn receive(State(app): State<Arc<App>>, request: Request, next: Next) -> Response {
+    let ours = request.uri().path().split('/').nth(1) == Some(PlanningServer::<PlanningService>::NAME);
+    if !ours {
+        return next.run(request).await;
+    }
+    // A problem and a plan, each within the bound.
+    let largest = app.config.read_limits.max_bytes.saturating_mul(2).saturating_add(ENVELOPE);
+    let (mut parts, body) = request.into_parts();
+    match read(&app.bodies, &parts.headers, body, largest).await {
+        Ok((bytes, held)) => {
+            parts.extensions.insert(held);
+            next.run(Request::from_parts(parts, Body::from(bytes.freeze()))).await
+        }
+        Err(error) => Status::from(error).into_http(),
+    }
 }
 
 /// Says SERVING while the service takes work.

@@ -6,10 +6,11 @@ use std::sync::Arc;
 use bytes::Bytes;
 use futures::{Stream, StreamExt};
 use serde_json::json;
-use tonic::{Request, Response, Status};
+use tonic::{Extensions, Request, Response, Status};
 
+use super::super::body::Held;
 use super::super::client::{Client, StreamPermit};
-use super::super::intake::{Source, accept, checked_key, validate};
+use super::super::intake::{Source, accept, aside, blocking, checked_key, validate};
 use super::super::negotiation::BundleFormat;
 use super::super::routes::{self, Judged};
 use super::super::stream::CancelOnDrop;
@@ -76,7 +77,11 @@ fn page_size(limit: u32) -> usize {
 }
 
 /// Splits a request for a job into what the intake takes.
-fn source(problem: String, options: Option<proto::JobOptions>) -> Result<(Source, Option<String>), ApiError> {
+fn source(
+    held: &Held,
+    problem: String,
+    options: Option<proto::JobOptions>,
+) -> Result<(Source, Option<String>), ApiError> {
     let options = options.unwrap_or_default();
     let key = Some(options.idempotency_key).filter(|key| !key.is_empty());
     let key = key.map(|key| checked_key(&key)).transpose()?;
@@ -91,19 +96,20 @@ fn source(problem: String, options: Option<proto::JobOptions>) -> Result<(Source
         }
         seconds => around.insert("queue_ttl_s".to_owned(), json!(seconds)),
     };
-    let warm_start = Some(options.warm_start_json).filter(|text| !text.is_empty()).map(Bytes::from);
-    Ok((Source::Parts { problem: problem.into(), around, warm_start }, key))
+    let warm_start = Some(options.warm_start_json).filter(|text| !text.is_empty());
+    let warm_start = warm_start.map(|text| held.bytes(text));
+    Ok((Source::Parts { problem: held.bytes(problem), around, warm_start }, key))
 }
 
 impl PlanningService {
     async fn accept(
         &self,
-        client: &Client,
+        extensions: &Extensions,
         problem: String,
         options: Option<proto::JobOptions>,
     ) -> Result<JobRecord, ApiError> {
-        let (source, key) = source(problem, options)?;
-        accept(&self.app, source, client, key).await
+        let (source, key) = source(&Held::known(extensions), problem, options)?;
+        accept(&self.app, source, &Client::known(extensions), key).await
     }
 }
 
@@ -117,19 +123,17 @@ impl Planning for PlanningService {
     type WatchJobStream = EventStream;
 
     async fn plan(&self, request: Request<proto::PlanRequest>) -> Result<Response<EventStream>, Status> {
-        let client = Client::known(request.extensions());
-        let request = request.into_inner();
-        let permit = self.app.open_stream(&client)?;
-        let record = self.accept(&client, request.problem_json, request.options).await?;
+        let (_, extensions, request) = request.into_parts();
+        let permit = self.app.open_stream(&Client::known(&extensions))?;
+        let record = self.accept(&extensions, request.problem_json, request.options).await?;
         let guard = CancelOnDrop::new(Arc::clone(&self.app), record.id, request.cancel_on_disconnect);
         let subscription = self.app.jobs.subscribe(record.id, 0).map_err(refused)?;
         Ok(Response::new(self.events(subscription, guard, permit)))
     }
 
     async fn create_job(&self, request: Request<proto::CreateJobRequest>) -> Result<Response<Job>, Status> {
-        let client = Client::known(request.extensions());
-        let request = request.into_inner();
-        let record = self.accept(&client, request.problem_json, request.options).await?;
+        let (_, extensions, request) = request.into_parts();
+        let record = self.accept(&extensions, request.problem_json, request.options).await?;
         Ok(Response::new(self.job(record.id)?))
     }
 
@@ -153,12 +157,19 @@ impl Planning for PlanningService {
             states: request.states.iter().map(state).collect::<Result<_, _>>()?,
             labels: request.labels.iter().map(|text| routes::label_filter(text)).collect(),
         };
-        let records = self.app.jobs.store().list(&query).map_err(refused)?;
+        let limit = query.limit;
+        // One more shows whether there is a next page.
+        let query = ListQuery { limit: limit + 1, ..query };
+        let records = aside(&self.app, move |app| Ok(app.jobs.store().list(&query)?)).await?;
+        let more = records.len() > limit;
+        let next =
+            records.get(limit - 1).filter(|_| more).map(|last| last.id.to_string()).unwrap_or_default();
         let jobs = records
             .iter()
+            .take(limit)
             .map(|record| messages::job(record, self.app.jobs.queue_position(record.id)))
             .collect();
-        Ok(Response::new(proto::ListJobsResponse { jobs }))
+        Ok(Response::new(proto::ListJobsResponse { jobs, next }))
     }
 
     async fn watch_job(
@@ -188,7 +199,7 @@ impl Planning for PlanningService {
             number => Revision::Number(number),
         };
         let job = job_id(&request.job_id)?;
-        let found = self.app.jobs.store().solution(job, revision).map_err(refused)?;
+        let found = aside(&self.app, move |app| Ok(app.jobs.store().solution(job, revision)?)).await?;
         let incumbent = found.ok_or(ApiError::NoSolution)?;
         Ok(Response::new(proto::Solution {
             job_id: job.to_string(),
@@ -204,14 +215,14 @@ impl Planning for PlanningService {
     ) -> Result<Response<proto::ListIncumbentsResponse>, Status> {
         let request = request.into_inner();
         let (job, limit) = (job_id(&request.job_id)?, page_size(request.limit));
-        let found = self.app.jobs.incumbents(job, request.from, limit).map_err(refused)?;
+        let found = aside(&self.app, move |app| Ok(app.jobs.incumbents(job, request.from, limit)?)).await?;
         let incumbents = found.iter().filter_map(|event| messages::incumbent(event)).collect();
         Ok(Response::new(proto::ListIncumbentsResponse { incumbents }))
     }
 
     async fn cancel_job(&self, request: Request<proto::CancelJobRequest>) -> Result<Response<Job>, Status> {
         let job = job_id(&request.into_inner().job_id)?;
-        self.app.jobs.cancel(job).map_err(refused)?;
+        aside(&self.app, move |app| Ok(app.jobs.cancel(job)?)).await?;
         Ok(Response::new(self.job(job)?))
     }
 
@@ -220,7 +231,7 @@ impl Planning for PlanningService {
         request: Request<proto::DeleteJobRequest>,
     ) -> Result<Response<proto::DeleteJobResponse>, Status> {
         let job = job_id(&request.into_inner().job_id)?;
-        self.app.jobs.store().delete(job).map_err(refused)?;
+        aside(&self.app, move |app| Ok(app.jobs.store().delete(job)?)).await?;
         Ok(Response::new(proto::DeleteJobResponse {}))
     }
 
@@ -228,7 +239,8 @@ impl Planning for PlanningService {
         &self,
         request: Request<proto::ValidateRequest>,
     ) -> Result<Response<proto::ValidateResponse>, Status> {
-        let document = Bytes::from(request.into_inner().problem_json);
+        let held = Held::known(request.extensions());
+        let document = held.bytes(request.into_inner().problem_json);
         let read = validate(&self.app, Source::Document(document)).await?.read;
         Ok(Response::new(proto::ValidateResponse {
             arms: read.problem.workcell.arms.len() as u64,
@@ -243,8 +255,10 @@ impl Planning for PlanningService {
         &self,
         request: Request<proto::VerifyRequest>,
     ) -> Result<Response<proto::VerifyResponse>, Status> {
+        let held = Held::known(request.extensions());
         let request = request.into_inner();
-        let judged = Judged::Apart { problem: request.problem_json.into(), plan: request.plan_json.into() };
+        let (problem, plan) = (held.bytes(request.problem_json), held.bytes(request.plan_json));
+        let judged = Judged::Apart { problem, plan };
         let verdict = routes::verdict(&self.app, judged).await?;
         let verdict_json = serde_json::to_string(&verdict).map_err(|_| ApiError::Internal)?;
         Ok(Response::new(proto::VerifyResponse { valid: verdict.valid, verdict_json }))
@@ -254,11 +268,12 @@ impl Planning for PlanningService {
         &self,
         request: Request<proto::PutWorkcellRequest>,
     ) -> Result<Response<proto::Workcell>, Status> {
+        let held = Held::known(request.extensions());
         let request = request.into_inner();
         let (format, bytes) = match request.content {
-            Some(Content::WorkcellJson(text)) => (BundleFormat::Json, Bytes::from(text)),
-            Some(Content::Zip(bytes)) => (BundleFormat::Zip, Bytes::from(bytes)),
-            Some(Content::TarGz(bytes)) => (BundleFormat::TarGz, Bytes::from(bytes)),
+            Some(Content::WorkcellJson(text)) => (BundleFormat::Json, held.bytes(text)),
+            Some(Content::Zip(bytes)) => (BundleFormat::Zip, held.bytes(bytes)),
+            Some(Content::TarGz(bytes)) => (BundleFormat::TarGz, held.bytes(bytes)),
             None => (BundleFormat::Json, Bytes::new()),
         };
         let registration = routes::register(&self.app, request.id, format, bytes).await?;
@@ -270,7 +285,8 @@ impl Planning for PlanningService {
         &self,
         request: Request<proto::GetWorkcellRequest>,
     ) -> Result<Response<proto::Workcell>, Status> {
-        let (registered, bundle) = routes::found(&self.app, &request.into_inner().id)?;
+        let (app, id) = (Arc::clone(&self.app), request.into_inner().id);
+        let (registered, bundle) = blocking(&self.app, move || routes::found(&app, &id)).await?;
         Ok(Response::new(proto::Workcell {
             workcell_json: bundle.document.to_string(),
             files: bundle.files.keys().cloned().collect(),
@@ -282,7 +298,7 @@ impl Planning for PlanningService {
         &self,
         _request: Request<proto::ListWorkcellsRequest>,
     ) -> Result<Response<proto::ListWorkcellsResponse>, Status> {
-        let registered = self.app.workcells.list().map_err(refused)?;
+        let registered = aside(&self.app, |app| Ok(app.workcells.list()?)).await?;
         let workcells = registered.iter().map(messages::workcell).collect();
         Ok(Response::new(proto::ListWorkcellsResponse { workcells }))
     }
@@ -291,7 +307,8 @@ impl Planning for PlanningService {
         &self,
         request: Request<proto::DeleteWorkcellRequest>,
     ) -> Result<Response<proto::DeleteWorkcellResponse>, Status> {
-        routes::unregister(&self.app, &request.into_inner().id)?;
+        let id = request.into_inner().id;
+        aside(&self.app, move |app| routes::unregister(app, &id)).await?;
         Ok(Response::new(proto::DeleteWorkcellResponse {}))
     }
 
@@ -317,8 +334,15 @@ impl Planning for PlanningService {
         &self,
         _request: Request<proto::GetVersionRequest>,
     ) -> Result<Response<proto::Version>, Status> {
-        let (name, version) = (env!("CARGO_PKG_NAME").to_owned(), env!("CARGO_PKG_VERSION").to_owned());
-        Ok(Response::new(proto::Version { name, version }))
+        let document = routes::version_document();
+        let text = |name: &str| document[name].as_str().unwrap_or_default().to_owned();
+        Ok(Response::new(proto::Version {
+            name: text("name"),
+            version: text("version"),
+            api: text("api"),
+            problem_schema: text("problem_schema"),
+            plan_schema: text("plan_schema"),
+        }))
     }
 
     async fn list_scenarios(

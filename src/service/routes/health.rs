@@ -6,7 +6,7 @@ use axum::extract::State;
 use axum::response::{IntoResponse, Response};
 use serde_json::json;
 
-use super::super::{ApiError, App};
+use super::super::App;
 
 /// `GET /livez`: the process answers.
 pub(super) async fn live() -> Response {
@@ -15,8 +15,8 @@ pub(super) async fn live() -> Response {
 
 /// `GET /readyz`: the service is up. Latched: from the first success on, only a shutdown unsets it.
 pub(super) async fn ready(State(app): State<Arc<App>>) -> Response {
-    if !app.is_ready() {
-        return ApiError::Unavailable.into_response();
+    if let Err(error) = app.check_ready() {
+        return error.into_response();
     }
     let load = app.jobs.load();
     super::json(&json!({

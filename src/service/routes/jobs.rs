@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use axum::Extension;
 use axum::body::Body;
-use axum::extract::{Path, State};
+use axum::extract::State;
 use axum::http::{HeaderMap, HeaderValue, StatusCode, Uri, header};
 use axum::response::{IntoResponse, Response};
 use serde::Serialize;
@@ -12,10 +12,11 @@ use serde::Serialize;
 use super::super::body::read_json;
 use super::super::client::Client;
 use super::super::documents::{IncumbentDocument, JobDocument, job_path};
-use super::super::intake::{Source, accept, checked_key};
+use super::super::intake::{Source, accept, aside, checked_key};
 use super::super::negotiation::StreamFormat;
 use super::super::stream::CancelOnDrop;
 use super::super::{ApiError, App};
+use super::Path;
 use super::plan::event_reply;
 use crate::jobs::{BadJobId, JobId, JobState, ListQuery, Revision};
 
@@ -95,7 +96,7 @@ pub(super) async fn list(State(app): State<Arc<App>>, uri: Uri) -> Result<Respon
         states: states.iter().flat_map(|list| list.split(',')).map(state_filter).collect::<Result<_, _>>()?,
         labels: labels.iter().map(|text| label_filter(text)).collect(),
     };
-    let records = app.jobs.store().list(&query)?;
+    let records = aside(&app, move |app| Ok(app.jobs.store().list(&query)?)).await?;
     let next = (records.len() > limit).then(|| {
         // The same question again, from the last one on.
         let same = uri.query().unwrap_or_default().split('&');
@@ -119,7 +120,8 @@ pub(super) async fn delete(
     uri: Uri,
 ) -> Result<Response, ApiError> {
     let [] = super::query(&uri, [])?;
-    app.jobs.store().delete(id.parse()?)?;
+    let job: JobId = id.parse()?;
+    aside(&app, move |app| Ok(app.jobs.store().delete(job)?)).await?;
     Ok(StatusCode::NO_CONTENT.into_response())
 }
 
@@ -137,7 +139,8 @@ pub(super) async fn incumbents(
     let [from, limit] = super::query(&uri, ["from", "limit"])?;
     let from = super::whole("from", from.as_deref())?.unwrap_or(1);
     let limit = page_size(super::whole("limit", limit.as_deref())?);
-    let found = app.jobs.incumbents(id.parse()?, from, limit)?;
+    let job: JobId = id.parse()?;
+    let found = aside(&app, move |app| Ok(app.jobs.incumbents(job, from, limit)?)).await?;
     let incumbents = found.iter().filter_map(|event| IncumbentDocument::new(event)).collect();
     Ok(super::json(&Incumbents { incumbents }))
 }
@@ -192,7 +195,9 @@ pub(super) async fn solution(
         "best" => Revision::Best,
         number => Revision::Number(number.parse().map_err(|_| ApiError::NoSolution)?),
     };
-    let incumbent = app.jobs.store().solution(id.parse()?, revision)?.ok_or(ApiError::NoSolution)?;
+    let job: JobId = id.parse()?;
+    let found = aside(&app, move |app| Ok(app.jobs.store().solution(job, revision)?)).await?;
+    let incumbent = found.ok_or(ApiError::NoSolution)?;
     Ok(super::json_text(incumbent.document.to_string()))
 }
 
@@ -205,7 +210,10 @@ pub(super) async fn cancel(
 ) -> Result<Response, ApiError> {
     let [] = super::query(&uri, [])?;
     let job: JobId = id.parse()?;
-    app.jobs.cancel(job)?;
-    let (record, place) = app.jobs.record(job)?;
+    let cancelled = aside(&app, move |app| {
+        app.jobs.cancel(job)?;
+        Ok(app.jobs.record(job)?)
+    });
+    let (record, place) = cancelled.await?;
     Ok(super::json(&JobDocument::new(&record, place)))
 }

@@ -15,7 +15,7 @@ use tower_http::trace::{DefaultOnRequest, DefaultOnResponse, TraceLayer};
 use tracing::Level;
 
 use super::super::client::Client;
-use super::super::error::Refused;
+use super::super::error::{CODE_METADATA, Refused};
 use super::super::{ApiError, App};
 
 const REQUEST_ID: HeaderName = HeaderName::from_static("x-request-id");
@@ -49,8 +49,11 @@ async fn account(State(app): State<Arc<App>>, mut request: Request, next: Next) 
     let client = Client::of(request.headers(), request.extensions(), app.config.client_header.as_ref());
     request.extensions_mut().insert(client);
     let response = next.run(request).await;
-    let grpc = response.headers().get("grpc-status").and_then(|code| code.to_str().ok()?.parse().ok());
+    let text = |name| response.headers().get(name)?.to_str().ok();
+    let grpc = text("grpc-status").and_then(|code| code.parse().ok());
     if let Some(Refused(code)) = response.extensions().get() {
+        app.figures.refused(code);
+    } else if let Some(code) = text(CODE_METADATA) {
         app.figures.refused(code);
     } else if let Some(code) = grpc.filter(|code: &i32| *code != 0) {
         app.figures.refused(&format!("grpc_{:?}", tonic::Code::from_i32(code)).to_lowercase());

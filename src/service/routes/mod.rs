@@ -12,6 +12,7 @@ mod table;
 mod workcells;
 
 pub use self::about::limits_document;
+pub(super) use self::about::version_document;
 pub(super) use self::checks::{Judged, verdict};
 pub(super) use self::jobs::{label_filter, page_size};
 pub(super) use self::table::{Operation, table};
@@ -21,10 +22,13 @@ use std::sync::Arc;
 
 use axum::Router;
 use axum::body::Body;
-use axum::extract::DefaultBodyLimit;
+use axum::extract::rejection::PathRejection;
+use axum::extract::{DefaultBodyLimit, FromRequestParts};
+use axum::http::request::Parts;
 use axum::http::{HeaderValue, Uri, header};
 use axum::response::{IntoResponse, Response};
 use serde::Serialize;
+use serde::de::DeserializeOwned;
 
 use super::{ApiError, App, grpc};
 
@@ -45,6 +49,19 @@ pub(super) fn router(app: Arc<App>) -> Router {
         // Bodies are bounded where they are read (`body`, gRPC's message limit).
         .layer(DefaultBodyLimit::disable());
     layers::around(routes, app)
+}
+
+/// What the path holds, refused as everything else is when it is no UTF-8.
+struct Path<T>(T);
+
+impl<S: Send + Sync, T: DeserializeOwned + Send> FromRequestParts<S> for Path<T> {
+    type Rejection = ApiError;
+
+    async fn from_request_parts(parts: &mut Parts, state: &S) -> Result<Self, ApiError> {
+        let path = axum::extract::Path::from_request_parts(parts, state).await;
+        let bad = |why: PathRejection| ApiError::BadParameter { name: "path", message: why.body_text() };
+        path.map(|axum::extract::Path(segments)| Self(segments)).map_err(bad)
+    }
 }
 
 /// A JSON reply that may change from one request to the next.

@@ -1,11 +1,11 @@
 //! `/v1/scenarios`: problems that ship with the service.
 
-use axum::extract::Path;
 use axum::http::Uri;
 use axum::response::Response;
 use serde::Serialize;
 
 use super::super::ApiError;
+use super::Path;
 use crate::scenario;
 
 #[derive(Serialize)]
@@ -39,7 +39,8 @@ pub(super) async fn list(uri: Uri) -> Result<Response, ApiError> {
 }
 
 /// `GET /v1/scenarios/{family}/{size}`: one of them, ready to be POSTed back.
-pub(super) async fn get(Path(name): Path<String>) -> Result<Response, ApiError> {
+pub(super) async fn get(Path(name): Path<String>, uri: Uri) -> Result<Response, ApiError> {
+    let [] = super::query(&uri, [])?;
     let entry = scenario::find(&name)
         .ok_or_else(|| ApiError::NotFound { what: "scenario of that name".to_owned() })?;
     Ok(super::json_text(entry.text))

@@ -201,14 +201,14 @@ fn job_routes() -> Vec<Route> {
                         ),
                     ],
                     vec![reply(200, "A page; `next` is where the next one is.", &[(JSON, "JobPage")])],
-                    &[400, 500],
+                    &[400, 500, 503],
                 ),
             ),
         Route::at("/v1/jobs/{id}")
-            .get(jobs::get, operation("getJob", "A job as it is now.", vec![job_id()], vec![reply(200, "The job.", job)], &[400, 404, 500]))
+            .get(jobs::get, operation("getJob", "A job as it is now.", vec![job_id()], vec![reply(200, "The job.", job)], &[400, 404, 500, 503]))
             .delete(
                 jobs::delete,
-                operation("deleteJob", "Forgets a job that has ended.", vec![job_id()], vec![reply(204, "It is gone.", &[])], &[400, 404, 409, 500]),
+                operation("deleteJob", "Forgets a job that has ended.", vec![job_id()], vec![reply(204, "It is gone.", &[])], &[400, 404, 409, 500, 503]),
             ),
         Route::at("/v1/jobs/{id}/events").get(
             jobs::events,
@@ -221,7 +221,7 @@ fn job_routes() -> Vec<Route> {
                     header("Last-Event-ID", r#"{"type": "integer", "minimum": 0}"#, "As `after`; the greater of the two counts."),
                 ],
                 vec![reply(200, "The events up to the terminal one.", STREAM), reply(204, "You have them all.", &[])],
-                &[400, 404, 406, 429, 500],
+                &[400, 404, 406, 429, 500, 503],
             ),
         ),
         Route::at("/v1/jobs/{id}/incumbents").get(
@@ -231,7 +231,7 @@ fn job_routes() -> Vec<Route> {
                 "A job's plans from a revision on, without the plans themselves.",
                 vec![job_id(), query("from", r#"{"type": "integer", "minimum": 0}"#, "From this revision on."), limit()],
                 vec![reply(200, "The plans that are kept.", &[(JSON, "Incumbents")])],
-                &[400, 404, 500],
+                &[400, 404, 500, 503],
             ),
         ),
         Route::at("/v1/jobs/{id}/solutions/{revision}").get(
@@ -241,7 +241,7 @@ fn job_routes() -> Vec<Route> {
                 "A plan of a job.",
                 vec![job_id(), path("revision", r#"{"type": "string", "pattern": "^(best|[0-9]{1,19})$"}"#, "`best`, or a revision.")],
                 vec![reply(200, "The plan.", &[(JSON, "Plan")])],
-                &[400, 404, 500],
+                &[400, 404, 500, 503],
             ),
         ),
         Route::at("/v1/jobs/{id}/cancel").post(
@@ -251,7 +251,7 @@ fn job_routes() -> Vec<Route> {
                 "Ends a job; its best plan is kept. A job that has ended stays as it is.",
                 vec![job_id()],
                 vec![reply(200, "The job.", job)],
-                &[400, 404, 500],
+                &[400, 404, 500, 503],
             ),
         ),
     ]
@@ -262,7 +262,7 @@ fn workcell_routes() -> Vec<Route> {
     vec![
         Route::at("/v1/workcells").get(
             workcells::list,
-            operation("listWorkcells", "Registered workcells.", vec![], vec![reply(200, "All of them, by id.", &[(JSON, "WorkcellList")])], &[400, 500]),
+            operation("listWorkcells", "Registered workcells.", vec![], vec![reply(200, "All of them, by id.", &[(JSON, "WorkcellList")])], &[400, 500, 503]),
         ),
         Route::at("/v1/workcells/{id}")
             .put(
@@ -279,7 +279,7 @@ fn workcell_routes() -> Vec<Route> {
             )
             .get(
                 workcells::get,
-                operation("getWorkcell", "A registered workcell.", vec![workcell_id()], vec![reply(200, "The workcell.", &[(JSON, "RegisteredWorkcell")])], &[400, 404, 500]),
+                operation("getWorkcell", "A registered workcell.", vec![workcell_id()], vec![reply(200, "The workcell.", &[(JSON, "RegisteredWorkcell")])], &[400, 404, 500, 503]),
             )
             .delete(
                 workcells::delete,
@@ -288,7 +288,7 @@ fn workcell_routes() -> Vec<Route> {
                     "The id leads nowhere from now on; jobs that were made with it go on.",
                     vec![workcell_id()],
                     vec![reply(204, "It is gone.", &[])],
-                    &[400, 404, 500],
+                    &[400, 404, 500, 503],
                 ),
             ),
         Route::at("/v1/workcells/{id}/modes").get(

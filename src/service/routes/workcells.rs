@@ -3,17 +3,18 @@
 use std::sync::{Arc, PoisonError};
 
 use axum::body::Body;
-use axum::extract::{Path, State};
+use axum::extract::State;
 use axum::http::{HeaderMap, HeaderValue, StatusCode, Uri, header};
 use axum::response::{IntoResponse, Response};
 use bytes::Bytes;
 use serde_json::{Value, json};
 
 use super::super::body::{read_bundle, read_json};
-use super::super::intake::blocking;
+use super::super::intake::{aside, blocking};
 use super::super::negotiation::{BundleFormat, expect_bundle};
 use super::super::workcells::{ArchiveError, Bundle, Files, Outcome, Registered, unpack_tar_gz, unpack_zip};
 use super::super::{ApiError, App, mode_graph as graphs};
+use super::Path;
 use crate::geometry::Vec3;
 use crate::wire::{self, Fault, read_workcell_value};
 use crate::workcell::Workcell;
@@ -37,7 +38,8 @@ fn entry(registered: &Registered) -> Value {
 /// `GET /v1/workcells`: what is registered, by id.
 pub(super) async fn list(State(app): State<Arc<App>>, uri: Uri) -> Result<Response, ApiError> {
     let [] = super::query(&uri, [])?;
-    let cells: Vec<Value> = app.workcells.list()?.iter().map(entry).collect();
+    let found = aside(&app, |app| Ok(app.workcells.list()?)).await?;
+    let cells: Vec<Value> = found.iter().map(entry).collect();
     Ok(super::json(&json!({ "workcells": cells })))
 }
 
@@ -57,15 +59,20 @@ pub(super) async fn get(
     uri: Uri,
 ) -> Result<Response, ApiError> {
     let [] = super::query(&uri, [])?;
-    let (registered, bundle) = found(&app, &id)?;
-    let files: Vec<Value> = bundle
-        .listing()
-        .map(|(path, bytes, digest)| json!({ "path": path, "bytes": bytes, "digest": digest }))
-        .collect();
-    let mut document = entry(&registered);
-    document["files"] = json!(files);
-    document["workcell"] = bundle.document;
-    Ok(super::json(&document))
+    // Reading and digesting its files may take a while.
+    let shared = Arc::clone(&app);
+    let document = blocking(&app, move || {
+        let (registered, bundle) = found(&shared, &id)?;
+        let files: Vec<Value> = bundle
+            .listing()
+            .map(|(path, bytes, digest)| json!({ "path": path, "bytes": bytes, "digest": digest }))
+            .collect();
+        let mut document = entry(&registered);
+        document["files"] = json!(files);
+        document["workcell"] = bundle.document;
+        Ok(document)
+    });
+    Ok(super::json(&document.await?))
 }
 
 /// `DELETE /v1/workcells/{id}`: the id leads nowhere from now on; jobs that were made with it go on.
@@ -75,7 +82,7 @@ pub(super) async fn delete(
     uri: Uri,
 ) -> Result<Response, ApiError> {
     let [] = super::query(&uri, [])?;
-    unregister(&app, &id)?;
+    aside(&app, move |app| unregister(app, &id)).await?;
     Ok(StatusCode::NO_CONTENT.into_response())
 }
 
@@ -190,8 +197,9 @@ pub(super) async fn modes(
 /// # Errors
 /// When there is no such workcell, or no room in it for such a box.
 pub async fn mode_graph(app: &Arc<App>, id: &str, size: Option<&str>) -> Result<Arc<str>, ApiError> {
-    let (registered, bundle) = found(app, id)?;
     let extents = extents(size.unwrap_or(PROBE))?;
+    let id = id.to_owned();
+    let (registered, bundle) = aside(app, move |app| found(app, &id)).await?;
     let key = format!("{} {extents:?}", registered.digest);
     let kept = app.mode_graphs.lock().unwrap_or_else(PoisonError::into_inner).get(&key).cloned();
     if let Some(graph) = kept {

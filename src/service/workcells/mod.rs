@@ -20,6 +20,8 @@ use crate::jobs::{StoreError, Timestamp};
 const BUNDLES: TableDefinition<'static, &str, &[u8]> = TableDefinition::new("workcell_bundles");
 /// Digest, and when it was registered (ms), by id.
 const NAMES: TableDefinition<'static, &str, (&str, u64)> = TableDefinition::new("workcell_names");
+/// Bytes of a bundle as it is kept, by digest.
+const SIZES: TableDefinition<'static, &str, u64> = TableDefinition::new("workcell_sizes");
 /// When a digest was registered first (ms).
 const VERSIONS: TableDefinition<'static, &str, u64> = TableDefinition::new("workcell_versions");
 
@@ -51,6 +53,9 @@ pub enum RegistryError {
     /// As many are kept as may be, and all are in use.
     #[error("{0} workcells are registered already; delete one first")]
     Full(usize),
+    /// They would take more room than they may, though nothing is kept that is not in use.
+    #[error("workcells take at most {0} bytes; delete one first")]
+    NoRoom(u64),
     /// The store does not work.
     #[error(transparent)]
     Store(#[from] StoreError),
@@ -60,6 +65,7 @@ pub enum RegistryError {
 pub struct Workcells {
     database: Arc<Database>,
     limit: usize,
+    most_bytes: u64,
     writing: Mutex<()>,
 }
 
@@ -68,24 +74,36 @@ fn broken(error: impl std::fmt::Display) -> RegistryError {
 }
 
 impl Workcells {
-    /// The registry in `database`, of at most `limit` workcells.
+    /// The registry in `database`, of at most `limit` workcells and `most_bytes` bytes.
     ///
     /// # Errors
     /// When the database does not work.
-    pub fn open(database: Arc<Database>, limit: usize) -> Result<Self, RegistryError> {
+    pub fn open(database: Arc<Database>, limit: usize, most_bytes: u64) -> Result<Self, RegistryError> {
         let transaction = database.begin_write().map_err(broken)?;
-        transaction.open_table(BUNDLES).map_err(broken)?;
         transaction.open_table(NAMES).map_err(broken)?;
-        transaction.open_table(VERSIONS).map_err(broken)?;
+        {
+            let bundles = transaction.open_table(BUNDLES).map_err(broken)?;
+            let mut sizes = transaction.open_table(SIZES).map_err(broken)?;
+            let versions = transaction.open_table(VERSIONS).map_err(broken)?;
+            // Those that were kept before sizes were.
+            for entry in versions.iter().map_err(broken)? {
+                let (digest, _) = entry.map_err(broken)?;
+                if sizes.get(digest.value()).map_err(broken)?.is_none() {
+                    let bytes = bundles.get(digest.value()).map_err(broken)?;
+                    let bytes = bytes.map_or(0, |bundle| bundle.value().len() as u64);
+                    sizes.insert(digest.value(), bytes).map_err(broken)?;
+                }
+            }
+        }
         transaction.commit().map_err(broken)?;
-        Ok(Self { database, limit, writing: Mutex::default() })
+        Ok(Self { database, limit, most_bytes, writing: Mutex::default() })
     }
 
     /// Registers `bundle`, whose digest is `digest`, under `id`. Versions in `used` stay whatever
     /// happens.
     ///
     /// # Errors
-    /// [`RegistryError::Full`], or when the store fails.
+    /// [`RegistryError::Full`], [`RegistryError::NoRoom`], or when the store fails.
     pub fn put(
         &self,
         id: &str,
@@ -100,6 +118,7 @@ impl Workcells {
             let mut names = transaction.open_table(NAMES).map_err(broken)?;
             let mut bundles = transaction.open_table(BUNDLES).map_err(broken)?;
             let mut versions = transaction.open_table(VERSIONS).map_err(broken)?;
+            let mut sizes = transaction.open_table(SIZES).map_err(broken)?;
             let before = names.get(id).map_err(broken)?.map(|entry| {
                 let (digest, at) = entry.value();
                 (digest.to_owned(), at)
@@ -119,27 +138,39 @@ impl Workcells {
             names.insert(id, (digest, now.unix_millis())).map_err(broken)?;
             if versions.get(digest).map_err(broken)?.is_none() {
                 versions.insert(digest, now.unix_millis()).map_err(broken)?;
-                bundles.insert(digest, bundle.pack().as_slice()).map_err(broken)?;
+                let packed = bundle.pack();
+                bundles.insert(digest, packed.as_slice()).map_err(broken)?;
+                sizes.insert(digest, packed.len() as u64).map_err(broken)?;
             }
             // Superseded versions make room.
             let mut named = used.clone();
             for entry in names.iter().map_err(broken)? {
                 named.insert(entry.map_err(broken)?.1.value().0.to_owned());
             }
-            let mut loose = Vec::new();
-            let mut count = 0;
+            let (mut loose, mut count, mut bytes) = (Vec::new(), 0, 0);
             for entry in versions.iter().map_err(broken)? {
                 let (digest, at) = entry.map_err(broken)?;
+                let size = sizes.get(digest.value()).map_err(broken)?.map_or(0, |size| size.value());
                 count += 1;
+                bytes += size;
                 if !named.contains(digest.value()) {
-                    loose.push((at.value(), digest.value().to_owned()));
+                    loose.push((at.value(), digest.value().to_owned(), size));
                 }
             }
             loose.sort();
-            let surplus = usize::saturating_sub(count, 2 * self.limit);
-            for (_, digest) in loose.iter().take(surplus) {
+            for (_, digest, size) in loose {
+                if count <= 2 * self.limit && bytes <= self.most_bytes {
+                    break;
+                }
                 versions.remove(digest.as_str()).map_err(broken)?;
                 bundles.remove(digest.as_str()).map_err(broken)?;
+                sizes.remove(digest.as_str()).map_err(broken)?;
+                count -= 1;
+                bytes -= size;
+            }
+            if bytes > self.most_bytes {
+                // Nothing of this is committed.
+                return Err(RegistryError::NoRoom(self.most_bytes));
             }
             outcome
         };
@@ -219,7 +250,7 @@ mod tests {
     #[test]
     fn ids_lead_to_the_newest_and_digests_to_their_own() {
         let store = EmbeddedStore::in_memory(Retention::default()).unwrap();
-        let cells = Workcells::open(store.database(), 2).unwrap();
+        let cells = Workcells::open(store.database(), 2, 1 << 20).unwrap();
         let none = BTreeSet::new();
         let put = |id: &str, number| {
             let (digest, bundle) = bundle(number);
@@ -240,7 +271,7 @@ mod tests {
     #[test]
     fn superseded_versions_make_room_unless_they_are_used() {
         let store = EmbeddedStore::in_memory(Retention::default()).unwrap();
-        let cells = Workcells::open(store.database(), 2).unwrap();
+        let cells = Workcells::open(store.database(), 2, 1 << 20).unwrap();
         let used = BTreeSet::from([bundle(0).0]);
         for number in 0..10 {
             let (digest, bundle) = bundle(number);
@@ -250,5 +281,25 @@ mod tests {
             (0..10).filter(|number| cells.get(&bundle(*number).0).unwrap().is_some()).collect();
         assert_eq!(kept.len(), 4);
         assert!(kept.contains(&0) && kept.contains(&9), "{kept:?}");
+    }
+
+    #[test]
+    fn they_take_no_more_room_than_they_may() {
+        let store = EmbeddedStore::in_memory(Retention::default()).unwrap();
+        let cells = Workcells::open(store.database(), 9, 4000).unwrap();
+        let put = |id: &str, number: usize, used: &[String]| {
+            let (digest, mut bundle) = bundle(number);
+            bundle.files.insert("x".to_owned(), vec![7_u8; 1500].into());
+            cells.put(id, &digest, &bundle, &used.iter().cloned().collect())
+        };
+        put("a", 1, &[]).unwrap();
+        put("b", 2, &[]).unwrap();
+        assert_eq!(put("c", 3, &[]).unwrap_err(), RegistryError::NoRoom(4000));
+        assert!(cells.get("c").unwrap().is_none() && cells.get("sha256:3").unwrap().is_none());
+        // What is superseded makes room, unless a job needs it.
+        assert_eq!(put("a", 3, &["sha256:1".to_owned()]).unwrap_err(), RegistryError::NoRoom(4000));
+        put("a", 3, &[]).unwrap();
+        assert!(cells.get("sha256:1").unwrap().is_none());
+        put("c", 2, &[]).unwrap();
     }
 }

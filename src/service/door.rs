@@ -1,0 +1,218 @@
+//! Who is let in: connections are counted in all and per address, and one over which nothing comes is closed.
+
+use std::collections::BTreeMap;
+use std::io::{Error, ErrorKind, IoSlice, Result};
+use std::net::{IpAddr, SocketAddr};
+use std::pin::Pin;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::task::{Context, Poll};
+use std::time::Duration;
+
+use axum::serve::Listener;
+use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};
+use tokio::net::{TcpListener, TcpStream};
+use tokio::time::Sleep;
+
+use super::ApiError;
+use super::figures::Figures;
+
+/// How long a new connection may say nothing unless told otherwise.
+const SILENCE: Duration = Duration::from_secs(30);
+
+/// A listener that lets only so many in.
+pub struct Door {
+    listener: TcpListener,
+    inside: Arc<Inside>,
+    figures: Arc<Figures>,
+    /// Most connections in all.
+    limit: usize,
+    /// Most connections from one address.
+    own: usize,
+    /// How long a new connection may say nothing.
+    silence: Duration,
+}
+
+/// Who is inside.
+#[derive(Debug, Default)]
+struct Inside {
+    open: Mutex<BTreeMap<IpAddr, usize>>,
+}
+
+impl Inside {
+    fn lock(&self) -> MutexGuard<'_, BTreeMap<IpAddr, usize>> {
+        self.open.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Lets one more in from `address`; else says which limit is reached.
+    fn enter(
+        self: &Arc<Self>,
+        address: IpAddr,
+        limit: usize,
+        own: usize,
+    ) -> std::result::Result<Place, usize> {
+        let mut open = self.lock();
+        let held = open.get(&address).copied().unwrap_or(0);
+        if held >= own {
+            return Err(own);
+        }
+        if open.values().sum::<usize>() >= limit {
+            return Err(limit);
+        }
+        open.insert(address, held + 1);
+        Ok(Place { inside: Arc::clone(self), address })
+    }
+}
+
+/// The right to be inside.
+#[derive(Debug)]
+struct Place {
+    inside: Arc<Inside>,
+    address: IpAddr,
+}
+
+impl Drop for Place {
+    fn drop(&mut self) {
+        let mut open = self.inside.lock();
+        if let Some(count) = open.get_mut(&self.address) {
+            *count -= 1;
+            if *count == 0 {
+                open.remove(&self.address);
+            }
+        }
+    }
+}
+
+impl Door {
+    /// Lets `limit` connections in at `listener`, and `own` from each address.
+    pub fn new(listener: TcpListener, limit: usize, own: usize, figures: Arc<Figures>) -> Self {
+        Self { listener, inside: Arc::default(), figures, limit, own, silence: SILENCE }
+    }
+}
+
+impl Listener for Door {
+    type Io = Guest;
+    type Addr = SocketAddr;
+
+    async fn accept(&mut self) -> (Guest, SocketAddr) {
+        loop {
+            let (stream, address) = Listener::accept(&mut self.listener).await;
+            match self.inside.enter(address.ip(), self.limit, self.own) {
+                Ok(place) => {
+                    // Events are small and must not wait for company.
+                    if let Err(error) = stream.set_nodelay(true) {
+                        tracing::debug!(%error, "no TCP_NODELAY");
+                    }
+                    let speak_by = Some(Box::pin(tokio::time::sleep(self.silence)));
+                    return (Guest { stream, speak_by, _place: place }, address);
+                }
+                Err(limit) => {
+                    let refusal = ApiError::TooManyConnections { limit };
+                    self.figures.refused(refusal.code());
+                    tracing::debug!(%address, limit, "a connection is turned away");
+                    // Fits into an empty buffer, or goes nowhere.
+                    let _ = stream.try_write(refusal.http_text().as_bytes());
+                }
+            }
+        }
+    }
+
+    fn local_addr(&self) -> Result<SocketAddr> {
+        self.listener.local_addr()
+    }
+}
+
+/// A connection that was let in.
+pub struct Guest {
+    stream: TcpStream,
+    /// When the first bytes must have come; nothing once they have.
+    speak_by: Option<Pin<Box<Sleep>>>,
+    _place: Place,
+}
+
+impl AsyncRead for Guest {
+    fn poll_read(
+        mut self: Pin<&mut Self>,
+        context: &mut Context<'_>,
+        into: &mut ReadBuf<'_>,
+    ) -> Poll<Result<()>> {
+        let read = Pin::new(&mut self.stream).poll_read(context, into);
+        if read.is_ready() {
+            self.speak_by = None;
+            return read;
+        }
+        let late = self.speak_by.as_mut().is_some_and(|speak_by| speak_by.as_mut().poll(context).is_ready());
+        if late { Poll::Ready(Err(Error::from(ErrorKind::TimedOut))) } else { Poll::Pending }
+    }
+}
+
+impl AsyncWrite for Guest {
+    fn poll_write(mut self: Pin<&mut Self>, context: &mut Context<'_>, bytes: &[u8]) -> Poll<Result<usize>> {
+        Pin::new(&mut self.stream).poll_write(context, bytes)
+    }
+
+    fn poll_flush(mut self: Pin<&mut Self>, context: &mut Context<'_>) -> Poll<Result<()>> {
+        Pin::new(&mut self.stream).poll_flush(context)
+    }
+
+    fn poll_shutdown(mut self: Pin<&mut Self>, context: &mut Context<'_>) -> Poll<Result<()>> {
+        Pin::new(&mut self.stream).poll_shutdown(context)
+    }
+
+    fn poll_write_vectored(
+        mut self: Pin<&mut Self>,
+        context: &mut Context<'_>,
+        pieces: &[IoSlice<'_>],
+    ) -> Poll<Result<usize>> {
+        Pin::new(&mut self.stream).poll_write_vectored(context, pieces)
+    }
+
+    fn is_write_vectored(&self) -> bool {
+        self.stream.is_write_vectored()
+    }
+}
+
+/// How many files the system lets this process open, where it says so.
+pub fn files_allowed() -> Option<usize> {
+    let limits = std::fs::read_to_string("/proc/self/limits").ok()?;
+    let line = limits.lines().find_map(|line| line.strip_prefix("Max open files"))?;
+    line.split_whitespace().next()?.parse().ok()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn connections_are_counted_by_address_and_in_all() {
+        let inside = Arc::new(Inside::default());
+        let [a, b, c] = [1, 2, 3].map(|last| IpAddr::from([10, 0, 0, last]));
+        let first = inside.enter(a, 3, 2).unwrap();
+        let _second = inside.enter(a, 3, 2).unwrap();
+        assert_eq!(inside.enter(a, 3, 2).unwrap_err(), 2);
+        let _third = inside.enter(b, 3, 2).unwrap();
+        assert_eq!(inside.enter(c, 3, 2).unwrap_err(), 3);
+        drop(first);
+        inside.enter(a, 3, 2).unwrap();
+        assert_eq!(inside.lock().len(), 2, "who is gone leaves nothing behind");
+    }
+
+    #[tokio::test]
+    async fn who_says_nothing_is_shown_out() {
+        use tokio::io::{AsyncReadExt, AsyncWriteExt};
+        let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
+        let address = listener.local_addr().unwrap();
+        let mut door = Door::new(listener, 9, 9, Arc::new(Figures::new().unwrap()));
+        door.silence = Duration::from_millis(20);
+        let _silent = TcpStream::connect(address).await.unwrap();
+        let mut guest = door.accept().await.0;
+        assert_eq!(guest.read_u8().await.unwrap_err().kind(), ErrorKind::TimedOut);
+        drop(guest);
+        // Who has spoken once may be silent.
+        let mut talks = TcpStream::connect(address).await.unwrap();
+        talks.write_u8(7).await.unwrap();
+        let mut guest = door.accept().await.0;
+        assert_eq!(guest.read_u8().await.unwrap(), 7);
+        let later = tokio::time::timeout(10 * door.silence, guest.read_u8()).await;
+        assert!(later.is_err(), "{later:?}");
+    }
+}
