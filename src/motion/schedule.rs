@@ -200,7 +200,12 @@ struct Search<'a> {
 }
 
 impl<'a> Search<'a> {
-    fn new(world: &'a CollisionWorld, task: &'a StepTask, legs: &'a [Legs], known: &'a mut PairTimes) -> Self {
+    fn new(
+        world: &'a CollisionWorld,
+        task: &'a StepTask,
+        legs: &'a [Legs],
+        known: &'a mut PairTimes,
+    ) -> Self {
         let composed = legs.iter().map(|_| None).collect();
         Self { world, task, legs, known: &mut known.0, composed, apart: BTreeMap::new() }
     }

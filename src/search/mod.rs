@@ -3,7 +3,8 @@
 //! A vertex is (Q, tau): a composite configuration and the identifier of the sequence of actions
 //! that led there. The names follow the paper: `select_mode` picks a tau, the guidance is asked
 //! once for each, `sample_trans` grounds its next actions, `extend` plans the motion to them,
-//! `modal_check` opens a new tau, `retrace` reads a plan off the tree.
+//! `modal_check` opens a new tau, `rewire` exchanges parents among vertices that differ in nothing but
+//! their arms, `retrace` reads a plan off the tree.
 //!
 //! Probabilistic completeness rests on: [`Settings::goal_bias`] below 1 (every tau keeps a chance
 //! of being selected), [`Settings::wander`] above 0 (actions other than the guided ones are
