@@ -227,8 +227,7 @@ impl Jobs {
         &*self.shared.parts.store
     }
 
-    /// Follows a job's events, from the one after number `after` on; from the newest one on when there
-    /// are not that many yet.
+    /// Follows a job's events, from the one after number `after` on; there may not be that many yet.
     ///
     /// # Errors
     /// When there is no such job.
@@ -236,8 +235,7 @@ impl Jobs {
         // A job that is not in `live` has ended: all its events are in the store.
         let live = self.shared.live().get(&job).cloned().unwrap_or_default();
         let newest = self.shared.parts.store.record(job)?.last_seq;
-        // Who says to have seen more than there is must not miss what comes.
-        Ok(Subscription::new(job, Arc::clone(&self.shared.parts.store), live, after.min(newest), newest))
+        Ok(Subscription::new(job, Arc::clone(&self.shared.parts.store), live, after, newest))
     }
 
     /// Up to `limit` `incumbent` events of a job whose revisions are `from` or above, in order.

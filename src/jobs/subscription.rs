@@ -8,7 +8,7 @@ use std::task::{Context, Poll};
 use futures::Stream;
 
 use super::live::Live;
-use super::{Event, EventBody, JobId, JobStore, Snapshot, Timestamp};
+use super::{Event, EventBody, JobId, JobRecord, JobStore, Snapshot, Timestamp};
 
 /// How many events are fetched at once.
 const BATCH: usize = 256;
@@ -38,6 +38,8 @@ pub struct Subscription {
     last: u64,
     /// Events up to this number are never left out.
     replay_until: u64,
+    /// Whether it began beyond the last event that there was: then it may never see the end.
+    ahead: bool,
     progress_seen: u64,
     ready: VecDeque<Delivery>,
     ended: bool,
@@ -59,6 +61,7 @@ impl Subscription {
             reader,
             last: after,
             replay_until,
+            ahead: after > replay_until,
             progress_seen: 0,
             ready: VecDeque::new(),
             ended: false,
@@ -72,7 +75,12 @@ impl Subscription {
             self.ended = true;
             return;
         };
-        let (Some(oldest), Some(newest)) = (events.first(), events.last()) else { return };
+        let (Some(oldest), Some(newest)) = (events.first(), events.last()) else {
+            let ended = |record: JobRecord| record.state.is_terminal() && record.last_seq <= self.last;
+            self.ended = self.ahead && self.store.record(self.job).is_ok_and(ended);
+            return;
+        };
+        self.ahead = false;
         let gap = (oldest.seq > self.last + 1).then(|| self.snapshot(oldest.seq - 1)).flatten();
         self.last = newest.seq;
         self.ready = conflate(events, self.replay_until);

@@ -16,8 +16,9 @@ use tokio::time::Sleep;
 use super::ApiError;
 use super::figures::Figures;
 
-/// How long a new connection may say nothing unless told otherwise.
-const SILENCE: Duration = Duration::from_secs(30);
+/// How long a new connection may say nothing unless told otherwise. Longer than clients keep connections in
+/// stock, so that none is closed in the moment in which it is used first.
+const SILENCE: Duration = Duration::from_secs(120);
 
 /// A listener that lets only so many in.
 pub struct Door {

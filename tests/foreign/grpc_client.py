@@ -17,7 +17,7 @@ pool = descriptor_pool.DescriptorPool(database)
 service = pool.FindServiceByName("quadrille.v1.Planning")
 
 
-def call(name, **fields):
+def call(name, /, **fields):
     method = service.FindMethodByName(name)
     made = lambda descriptor: message_factory.GetMessageClass(descriptor)
     open_call = channel.unary_stream if method.server_streaming else channel.unary_unary
@@ -28,7 +28,7 @@ def call(name, **fields):
     )(made(method.input_type)(**fields), timeout=60)
 
 
-def refused(code, name, **fields):
+def refused(code, name, /, **fields):
     try:
         call(name, **fields)
     except grpc.RpcError as error:

@@ -1,6 +1,6 @@
 //! The same over gRPC, on the same port.
 
-use futures::{SinkExt, StreamExt};
+use futures::StreamExt;
 use quadrille::service::PROBLEM_METADATA;
 use quadrille::service::proto::event::Body;
 use quadrille::service::proto::planning_client::PlanningClient;
@@ -9,6 +9,8 @@ use quadrille::service::proto::{
     ListJobsRequest, ListScenariosRequest, PlanRequest, TerminationReason, ValidateRequest, WatchJobRequest,
 };
 use serde_json::Value;
+use tokio::io::{AsyncReadExt, AsyncWriteExt};
+use tokio::net::TcpStream;
 use tonic::Code;
 use tonic::transport::Channel;
 use tonic_health::pb::HealthCheckRequest;
@@ -121,14 +123,6 @@ async fn refusals_carry_the_problem_document() {
         assert_eq!(document["code"], code);
         assert!(!document["errors"].as_array().unwrap().is_empty());
     }
-    let stranger = GetJobRequest { job_id: "01890a5d-ac96-774b-bcce-b302099a8057".to_owned() };
-    assert_eq!(client.get_job(stranger).await.unwrap_err().code(), Code::NotFound);
-    let mut running = client.plan(plan(problem("wait").to_string())).await.unwrap().into_inner();
-    running.next().await.unwrap().unwrap();
-    let status = client.plan(plan(problem("wait").to_string())).await.unwrap_err();
-    assert_eq!(status.code(), Code::ResourceExhausted);
-    let huge = client.plan(plan(" ".repeat(50_000_000))).await.unwrap_err();
-    assert_eq!((huge.code(), refusal(&huge)["code"].as_str()), (Code::ResourceExhausted, Some("too_large")));
     // More faults than metadata holds: as many as fit.
     let mut many = problem("nothing");
     for number in 0..100 {
@@ -137,6 +131,14 @@ async fn refusals_carry_the_problem_document() {
     let status = client.plan(plan(many.to_string())).await.unwrap_err();
     let told = refusal(&status)["errors"].as_array().unwrap().len();
     assert!((1..100).contains(&told), "{told}");
+    let stranger = GetJobRequest { job_id: "01890a5d-ac96-774b-bcce-b302099a8057".to_owned() };
+    assert_eq!(client.get_job(stranger).await.unwrap_err().code(), Code::NotFound);
+    let mut running = client.plan(plan(problem("wait").to_string())).await.unwrap().into_inner();
+    running.next().await.unwrap().unwrap();
+    let status = client.plan(plan(problem("wait").to_string())).await.unwrap_err();
+    assert_eq!(status.code(), Code::ResourceExhausted);
+    let huge = client.plan(plan(" ".repeat(50_000_000))).await.unwrap_err();
+    assert_eq!((huge.code(), refusal(&huge)["code"].as_str()), (Code::ResourceExhausted, Some("too_large")));
 }
 
 /// The problem document of a refused call; its code stands in the metadata too.
@@ -158,10 +160,12 @@ async fn messages_are_counted_as_bodies_are() {
     };
     client.validate(validate(300)).await.unwrap();
     // A body over HTTP that has not come to its end.
-    let (mut send, body) = futures::channel::mpsc::channel::<Result<Vec<u8>, std::io::Error>>(1);
-    let request = server.client.post(server.url("/v1/validate")).header("content-type", "application/json");
-    let slow = tokio::spawn(request.body(reqwest::Body::wrap_stream(body)).send());
-    send.send(Ok(vec![b' '; 900 << 10])).await.unwrap();
+    let mut slow = TcpStream::connect(server.address).await.unwrap();
+    let head =
+        "POST /v1/validate HTTP/1.1\r\nhost: x\r\nconnection: close\r\ntransfer-encoding: chunked\r\n\r\n";
+    slow.write_all(format!("{head}{:x}\r\n{}\r\n", 900 << 10, " ".repeat(900 << 10)).as_bytes())
+        .await
+        .unwrap();
     let status = loop {
         match client.validate(validate(300)).await {
             Err(status) => break status,
@@ -175,9 +179,11 @@ async fn messages_are_counted_as_bodies_are() {
     );
     // Whoever is refused takes no room, and there is room again once the other has gone.
     client.validate(validate(50)).await.unwrap();
-    send.send(Ok(problem("x").to_string().into_bytes())).await.unwrap();
-    drop(send);
-    assert_eq!(slow.await.unwrap().unwrap().status(), 200);
+    let rest = problem("x").to_string();
+    slow.write_all(format!("{:x}\r\n{rest}\r\n0\r\n\r\n", rest.len()).as_bytes()).await.unwrap();
+    let mut reply = String::new();
+    slow.read_to_string(&mut reply).await.unwrap();
+    assert!(reply.starts_with("HTTP/1.1 200 "), "{reply}");
     client.validate(validate(300)).await.unwrap();
     // More than all the room there is.
     let status = client.validate(validate(1500)).await.unwrap_err();

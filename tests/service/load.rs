@@ -10,6 +10,7 @@ use std::time::{Duration, Instant};
 
 use futures::StreamExt;
 use serde_json::{Value, json};
+use tokio::sync::mpsc::error::TryRecvError;
 use tokio_util::sync::CancellationToken;
 
 use crate::figures::Figures;
@@ -155,21 +156,29 @@ async fn under_load(client: &reqwest::Client, streams: usize, submissions: u32, 
         for line in output.lines().map_while(Result::ok) {
             let found =
                 line.split_once("LOAD ").and_then(|(_, text)| serde_json::from_str::<Value>(text).ok());
-            if found.is_some_and(|found| send.send((Instant::now(), found)).is_err()) {
+            if found.is_some_and(|found| send.send(found).is_err()) {
                 return;
             }
         }
     });
     let done = CancellationToken::new();
     let asking = tokio::spawn(livez(client.clone(), process.url("/livez"), done.clone()));
-    let (mut ready, mut told, mut plans) = (None, None, Vec::new());
+    let (mut ready, mut told, mut plans) = (false, None::<Value>, Vec::new());
     let mut span = (0.0, 0.0);
     let points = follow(&process, client, &job, &mut plans, |seen| {
-        while let Ok((_, line)) = lines.try_recv() {
-            if line["ready"] == true { ready = Some(seen.len()) } else { told = Some(line) }
+        loop {
+            match lines.try_recv() {
+                Ok(line) if line["ready"] == true => ready = true,
+                Ok(line) => told = Some(line),
+                Err(TryRecvError::Empty) => break,
+                Err(TryRecvError::Disconnected) => {
+                    assert!(told.is_some(), "the load has broken off");
+                    break;
+                }
+            }
         }
         let newest = seen.last().map_or(0.0, |point| point.iterations);
-        if span.0 == 0.0 && ready.is_some() {
+        if span.0 == 0.0 && ready {
             span.0 = newest;
         }
         if told.is_none() {
