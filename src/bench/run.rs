@@ -58,7 +58,7 @@ pub struct RunSettings {
 
 impl RunSettings {
     /// What a process knows that has just begun and looks into the folder.
-    fn from_folder(&self) -> PlannerCache {
+    fn folder_cache(&self) -> PlannerCache {
         let cache = PlannerCache::new(0);
         match &self.cache_dir {
             Some(folder) => cache.with_folder(folder, None),
@@ -84,8 +84,8 @@ pub fn measure(
         WorkcellAge::New => PlannerCache::new(0),
         WorkcellAge::Known => acquainted(PlannerCache::new(1), case, trial, settings, cancel)?,
         WorkcellAge::Stored => {
-            acquainted(settings.from_folder(), case, trial, settings, cancel)?;
-            settings.from_folder()
+            acquainted(settings.folder_cache(), case, trial, settings, cancel)?;
+            settings.folder_cache()
         }
     };
     let document = document(case, trial)?;
