@@ -222,16 +222,21 @@ impl Roadmap {
             incident[other].push(edge);
             incident[vertex].push(edge);
         }
+        self.push_paced(vertex, &q);
+        Arc::make_mut(&mut self.vertices).push(q);
+    }
+
+    /// Lays the next vertex, `q`, beside those before it in [`Self::paced`].
+    fn push_paced(&mut self, vertex: usize, q: &Config) {
         let (joints, slot) = (self.pace.len(), vertex % PACED);
         let paced = Arc::make_mut(&mut self.paced);
         if slot == 0 {
             paced.resize(paced.len() + joints, [0.0; PACED]);
         }
         let first = paced.len() - joints;
-        for ((values, x), pace) in paced[first..].iter_mut().zip(&q).zip(&self.pace) {
+        for ((values, x), pace) in paced[first..].iter_mut().zip(q).zip(&self.pace) {
             values[slot] = (x * pace) as f32;
         }
-        Arc::make_mut(&mut self.vertices).push(q);
     }
 
     /// Whether the edge is free of the static workcell, the arm's hand empty; checked at most once.

@@ -56,6 +56,7 @@ impl Roadmap {
             all.push(Edge { ends, length });
             checks.push(AtomicU8::new((word >> (2 * VERTEX_BITS)) as u8));
         }
+        configurations.iter().enumerate().for_each(|(vertex, q)| roadmap.push_paced(vertex, q));
         roadmap.validity = vec![Validity::Unknown; all.len()];
         roadmap.vertices = Arc::new(configurations);
         roadmap.edges = Arc::new(all);
