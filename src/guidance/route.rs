@@ -46,6 +46,7 @@ impl RouteSearch {
     /// most, then tolls, then weight. Ties are broken by `noise`. `None` if the horizon is too
     /// short even for an object that is alone. An old route of the same length makes the search quicker:
     /// nothing dearer is looked at.
+    #[allow(clippy::too_many_arguments)]
     pub(super) fn cheapest(
         &mut self,
         network: &Network,

@@ -187,6 +187,9 @@ impl Moment {
     }
 }
 
+/// An arm's motion in a step, laid out for sampling.
+type Composed = Rc<(ArmMotion, CurveTable)>;
+
 struct Search<'a> {
     world: &'a CollisionWorld,
     task: &'a StepTask,
@@ -194,7 +197,7 @@ struct Search<'a> {
     /// Pairs already looked at; see [`PairTimes`].
     known: &'a mut BTreeMap<(usize, usize, [i64; 3]), bool>,
     /// By arm, the motion that was composed last, and for when.
-    composed: Vec<Option<(Moment, Rc<(ArmMotion, CurveTable)>)>>,
+    composed: Vec<Option<(Moment, Composed)>>,
     /// By pair of arms, the moments for which they were certified apart last.
     apart: BTreeMap<(usize, usize), (Moment, Moment)>,
 }
@@ -273,7 +276,7 @@ impl Search<'_> {
     }
 
     /// An arm's motion, laid out for sampling.
-    fn motion(&mut self, arm: usize, timing: &Timing, duration: f64) -> Rc<(ArmMotion, CurveTable)> {
+    fn motion(&mut self, arm: usize, timing: &Timing, duration: f64) -> Composed {
         let moment = Moment::new(timing, duration);
         if let Some((when, known)) = &self.composed[arm]
             && *when == moment

@@ -21,6 +21,9 @@ const NEIGHBOURHOOD: f64 = 0.6;
 /// A pose's numbers to the bit.
 type Bits = [u64; 7];
 
+/// Grasp numbers with the object's frame in the TCP frame.
+type Holds = Arc<[(usize, Pose)]>;
+
 /// A cache key: arm, whether it is about a place that no pick mirrors, class, pose and hold.
 type Key = (usize, bool, usize, Bits, Bits);
 
@@ -38,7 +41,7 @@ pub struct Contacts<'a> {
     /// Whether the hand alone has room: by hand, class, pose and hold.
     room: BTreeMap<(usize, usize, Bits, Bits), bool>,
     /// The holds in which it has: by hand, class, surface and pose.
-    roomy: BTreeMap<(usize, usize, usize, Bits), Arc<[(usize, Pose)]>>,
+    roomy: BTreeMap<(usize, usize, usize, Bits), Holds>,
     /// By arm, class and grasp, how often an estimate found a way by it: a guess where to look first.
     promising: BTreeMap<(usize, usize, usize), u32>,
     hands: Hands<'a>,

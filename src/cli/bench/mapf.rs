@@ -111,7 +111,7 @@ fn trial(family: Family, size: Size, seed: u64, limit: Duration) -> Result<Trial
     let graph = build_mode_graph(&problem, &mut reach, &ModeGraphOptions::planning(), &Control::unbounded());
     let instance = Instance::from(&graph);
     let (nodes, edges, blocks) = (instance.nodes.len(), instance.edges.len(), instance.blocks.len());
-    let network = Network::new(instance).map_err(|error| CliError::Graph(error))?;
+    let network = Network::new(instance).map_err(CliError::Graph)?;
     let quick = solved(&network, &Effort::quick(), None);
     let thorough = solved(&network, &Effort::thorough(), Some(limit));
     Ok(Trial { seed, nodes, edges, blocks, quick, thorough })
