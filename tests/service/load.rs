@@ -80,9 +80,11 @@ async fn follow(
     panic!("the stream has ended");
 }
 
-/// Where a job was at `iterations`, between the signs of life before and after.
+/// Where a job was at `iterations`, between the signs of life before and after, or by the pace of the
+/// last two where it did not come as far.
 fn at(points: &[Point], iterations: f64) -> Point {
-    let after = points.iter().position(|point| point.iterations >= iterations).unwrap();
+    let reached = points.iter().position(|point| point.iterations >= iterations);
+    let after = reached.unwrap_or(points.len() - 1);
     let (a, b) = (points[after.saturating_sub(1)], points[after]);
     let part = if b.iterations > a.iterations {
         (iterations - a.iterations) / (b.iterations - a.iterations)
