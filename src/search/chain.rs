@@ -20,13 +20,11 @@ use crate::workcell::{ArmId, ObjectId, SurfaceId, Symmetry};
 
 use super::forecast::{Neighbour, scene_of};
 use super::handoffs::HandoffPool;
+use super::rests::Rests;
 use super::tree::Whereabouts;
 
 /// A grasp number and the object's frame in the TCP frame.
 type Hold = (usize, Pose);
-
-/// Targets of a region that are tried in full for one request.
-const TARGETS_TRIED: usize = 4;
 
 /// One object's way to its next place of rest.
 #[derive(Debug, Clone)]
@@ -53,12 +51,17 @@ pub(super) struct ChainRequest<'a> {
     pub(super) arms: &'a [ArmId],
     /// Where it may be put down, in order of preference.
     pub(super) targets: &'a [(Pose, SurfaceId)],
+    /// How many of many targets are tried in full, and those that need not be tried.
+    pub(super) most_tried: usize,
+    pub(super) besides: &'a [Pose],
     /// Where each arm is now.
     pub(super) arms_at: &'a [Config],
     /// The others at rest when it is picked.
     pub(super) at_pick: &'a [Neighbour],
     /// The others at rest when it is put down.
     pub(super) at_place: &'a [Neighbour],
+    /// The others at rest when it leaves again.
+    pub(super) at_next: &'a [Neighbour],
     /// The node of the targets, and the one that the guide wants.
     pub(super) node: NodeId,
     pub(super) wanted: NodeId,
@@ -85,6 +88,7 @@ pub(super) struct ChainPlanner<'p, 'a> {
     pub(super) world: &'a CollisionWorld,
     pub(super) contacts: &'p mut Contacts<'a>,
     pub(super) handoffs: &'p mut HandoffPool,
+    pub(super) rests: &'p Rests,
     pub(super) rng: &'p mut Rng,
     pub(super) handoff_tries: usize,
 }
@@ -111,7 +115,7 @@ impl ChainPlanner<'_, '_> {
         let mut why = Misfit::Place;
         let mut tried = 0;
         for (pose, surface) in self.in_order(request) {
-            if tried == TARGETS_TRIED {
+            if tried == request.most_tried {
                 break;
             }
             let place = query(ContactKind::Place, last, request.object, (pose, surface));
@@ -203,6 +207,7 @@ impl ChainPlanner<'_, '_> {
             return vec![(turned, *surface)];
         }
         let mut targets = request.targets.to_vec();
+        targets.retain(|(pose, _)| !request.besides.contains(pose));
         if !targets.is_empty() && self.rng.random_bool(0.5) {
             let turn = self.rng.random_range(0..targets.len());
             targets.rotate_left(turn);
@@ -213,6 +218,8 @@ impl ChainPlanner<'_, '_> {
             let carrier = surfaces.get(surface.0).and_then(|s| s.carrier);
             self.world.placement_free(request.object, pose, carrier, &scene)
         });
+        let others = [request.at_place, request.at_next].concat();
+        self.rests.roomiest_first(request.object, &others, &mut targets);
         targets
     }
 

@@ -47,6 +47,16 @@ impl Map {
         self.graph.arm_of(self.in_graph(node))
     }
 
+    /// Whether two nodes stand for the same node of the graph.
+    pub(super) fn is_same(&self, one: NodeId, other: NodeId) -> bool {
+        self.in_graph(one) == self.in_graph(other)
+    }
+
+    /// Whether `node` is a region, where an object may stand in many places.
+    pub(super) fn is_region(&self, node: NodeId) -> bool {
+        matches!(self.graph.nodes.get(self.in_graph(node)).map(|n| &n.place), Some(Place::Region(_)))
+    }
+
     /// Where `object` may be put down at `node`.
     pub(super) fn placements(&self, object: usize, node: NodeId) -> Vec<(Pose, SurfaceId)> {
         self.graph

@@ -24,6 +24,7 @@ mod map;
 mod meetings;
 mod outline;
 mod refine;
+mod rests;
 mod resume;
 mod rewire;
 mod select;

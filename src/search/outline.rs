@@ -23,6 +23,10 @@ const DETOUR_AFTER: u32 = 2;
 /// Places tried for an object that must be able to go on from there.
 const LOOK_AHEAD_TRIES: usize = 6;
 
+/// Places of a region that are tried in full for one chain at first, and when they kept failing.
+const FEWEST_TARGETS: usize = 4;
+const MOST_TARGETS: usize = 32;
+
 /// Buffer poses tried for one detour.
 const DETOUR_TARGETS: usize = 12;
 
@@ -121,31 +125,48 @@ impl<'a> Grounder<'a> {
         let key = (object, leg.arms.clone(), leg.end);
         let failures = self.barren.get(&key).copied().unwrap_or(0);
         let targets = self.map.placements(object, leg.end);
+        let onward = next.filter(|_| targets.len() > 1);
+        let at_next =
+            onward.map_or_else(Vec::new, |next| self.around(vertex, outline, object, next.begins()));
         let request = ChainRequest {
             object: ObjectId(object),
             from: &from,
             arms: &leg.arms,
             targets: &targets,
+            most_tried: (FEWEST_TARGETS << failures.min(8)).min(MOST_TARGETS),
+            besides: &[],
             arms_at: now,
             at_pick: &at_pick,
             at_place: &at_place,
+            at_next: &at_next,
             node: leg.end,
             wanted: leg.end,
             anew: renew,
         };
-        let tries = if next.is_some() && targets.len() > 1 { LOOK_AHEAD_TRIES } else { 1 };
         let mut why = Misfit::Between;
-        for _ in 0..tries {
-            match self.planner().plan(&request) {
-                Ok(chain) if tries == 1 || self.leads_to(vertex, outline, &chain, next, now) => {
-                    return Ok(chain);
-                }
-                Ok(_) => why = Misfit::Between,
+        let (mut besides, mut hindered) = (Vec::new(), None);
+        for _ in 0..onward.map_or(1, |_| LOOK_AHEAD_TRIES) {
+            match self.planner().plan(&ChainRequest { besides: &besides, ..request }) {
+                Ok(chain) => match onward.map(|next| self.leads_to(vertex, outline, &chain, next, now)) {
+                    None | Some(Ok(())) => return Ok(chain),
+                    Some(Err(after)) => {
+                        besides.push(chain.target.0);
+                        if matches!(after, Misfit::Blocked { .. }) {
+                            hindered.get_or_insert(chain);
+                        }
+                    }
+                },
                 Err(misfit) => {
-                    why = misfit;
+                    if besides.is_empty() {
+                        why = misfit;
+                    }
                     break;
                 }
             }
+        }
+        // Not this leg is at fault when something is only in the way of the next.
+        if let Some(chain) = hindered {
+            return Ok(chain);
         }
         if !matches!(why, Misfit::Blocked { .. }) {
             *self.barren.entry(key).or_default() += 1;
@@ -177,6 +198,7 @@ impl<'a> Grounder<'a> {
             world: self.world,
             contacts: &mut self.contacts,
             handoffs: &mut self.handoffs,
+            rests: &self.rests,
             rng: &mut self.rng,
             handoff_tries: self.handoff_tries,
         }
@@ -219,16 +241,15 @@ impl<'a> Grounder<'a> {
         picks && can(&query(ContactKind::Place, last, ObjectId(object), chain.target), &put, at_place)
     }
 
-    /// Whether the object can go on along `next` from where `chain` puts it down.
+    /// Whether the object can go on along `next` from where `chain` puts it down, or why not.
     fn leads_to(
         &mut self,
         vertex: &Vertex,
         outline: &Outline,
         chain: &Chain,
-        next: Option<&Leg>,
+        next: &Leg,
         now: &[Config],
-    ) -> bool {
-        let Some(next) = next else { return true };
+    ) -> Result<(), Misfit> {
         let at_pick = self.around(vertex, outline, next.object, next.begins());
         let at_place = self.around(vertex, outline, next.object, next.ends());
         let targets = self.map.placements(next.object, next.end);
@@ -237,14 +258,17 @@ impl<'a> Grounder<'a> {
             from: &Whereabouts::Resting { pose: chain.target.0, surface: chain.target.1 },
             arms: &next.arms,
             targets: &targets,
+            most_tried: FEWEST_TARGETS,
+            besides: &[],
             arms_at: now,
             at_pick: &at_pick,
             at_place: &at_place,
+            at_next: &[],
             node: next.end,
             wanted: next.end,
             anew: false,
         };
-        self.planner().plan(&request).is_ok()
+        self.planner().plan(&request).map(|_| ())
     }
 
     /// Whether `arm` can take the object up at `from` in a hold in which it can put it down at one

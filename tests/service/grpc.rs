@@ -1,5 +1,7 @@
 //! The same over gRPC, on the same port.
 
+use std::time::Duration;
+
 use futures::StreamExt;
 use quadrille::service::PROBLEM_METADATA;
 use quadrille::service::proto::event::Body;
@@ -9,6 +11,8 @@ use quadrille::service::proto::{
     ListJobsRequest, ListScenariosRequest, PlanRequest, TerminationReason, ValidateRequest, WatchJobRequest,
 };
 use serde_json::Value;
+use tokio::io::AsyncWriteExt;
+use tokio::net::TcpStream;
 use tonic::Code;
 use tonic::transport::Channel;
 use tonic_health::pb::HealthCheckRequest;
@@ -147,6 +151,16 @@ fn refusal(status: &tonic::Status) -> Value {
     document
 }
 
+/// Asks again and again for what must come to pass.
+async fn until<T>(ask: impl AsyncFn() -> Option<T>) -> T {
+    loop {
+        if let Some(answer) = ask().await {
+            return answer;
+        }
+        tokio::time::sleep(Duration::from_millis(10)).await;
+    }
+}
+
 /// Calls and HTTP requests share the memory for bodies.
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn messages_are_counted_as_bodies_are() {
@@ -162,6 +176,20 @@ async fn messages_are_counted_as_bodies_are() {
     assert_eq!(refusal(&status)["code"], "too_many_bodies");
     let figures = server.get("/metrics").await.text().await.unwrap();
     assert!(figures.contains("quadrille_rejects_total{code=\"too_many_bodies\"}"), "{figures}");
+    // What has come of a body over HTTP that is still being sent takes room from the calls, until it breaks off.
+    let mut half = TcpStream::connect(server.address).await.unwrap();
+    let head = "POST /v1/validate HTTP/1.1\r\nHost: x\r\nContent-Type: application/json\r\nTransfer-Encoding: chunked";
+    let sent = format!("{head}\r\n\r\n{:x}\r\n{}\r\n", 900 << 10, " ".repeat(900 << 10));
+    half.write_all(sent.as_bytes()).await.unwrap();
+    until(async || {
+        let refused = client.clone().validate(validate(300)).await.err()?;
+        assert_eq!(refusal(&refused)["code"], "too_many_bodies");
+        Some(())
+    })
+    .await;
+    client.validate(validate(10)).await.unwrap();
+    drop(half);
+    until(async || client.clone().validate(validate(300)).await.ok()).await;
 }
 
 #[tokio::test]
