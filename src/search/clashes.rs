@@ -14,9 +14,7 @@
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use crate::collision::{Exemption, Held};
 use crate::guidance::{Clash, Clashing, Cuts, Effort, Guide, Memo, Move, Network, NodeId, solve};
-use crate::kinematics::Config;
 use crate::problem::{GuidanceKind, InitialPlacement};
 use crate::run::Control;
 use crate::transition::ContactKind;
@@ -24,6 +22,7 @@ use crate::workcell::{ArmId, ObjectId, Symmetry};
 
 use super::chain::query;
 use super::smart::Search;
+use super::together::End;
 use super::tree::Whereabouts;
 
 /// Vain searches for meetings of two handoffs after which they are taken to clash.
@@ -37,9 +36,6 @@ pub(super) type Suspicions = BTreeMap<Pairs, u32>;
 
 /// Samplings of contacts in one hold before two actions are said to clash.
 const SAMPLINGS: usize = 3;
-
-/// One end of a step: an arm where it picks or places, with what it holds.
-type End = (ArmId, Config, Option<Held>, Exemption);
 
 impl Search<'_> {
     /// Looks into two arms that touch each other at the end of a step from `tau`, where they act on objects at
@@ -65,12 +61,7 @@ impl Search<'_> {
         else {
             return false;
         };
-        let apart = |(arm, q, held, exemption): &End, (other, p, holding, exempt): &End| {
-            self.grounder
-                .world
-                .arms_apart((*arm, q, held.as_ref(), *exemption), (*other, p, holding.as_ref(), *exempt))
-        };
-        let possible = ends.iter().any(|end| others.iter().any(|other| apart(end, other)));
+        let possible = ends.iter().any(|end| others.iter().any(|other| self.grounder.ends_apart(end, other)));
         if possible || control.should_stop() {
             return false;
         }
@@ -113,23 +104,13 @@ impl Search<'_> {
         let mut ends = Vec::new();
         for at in places {
             let asked = query(kind, arm, object, at);
-            let carrier = self.problem.workcell.surfaces.get(at.1.0).and_then(|surface| surface.carrier);
-            let contacts = &mut self.grounder.contacts;
-            for (_, hold) in contacts.holds(&asked) {
+            for (_, hold) in self.grounder.contacts.holds(&asked) {
                 for _ in 0..SAMPLINGS {
-                    if control.should_stop() || !contacts.more(&asked, &hold) {
+                    if control.should_stop() || !self.grounder.contacts.more(&asked, &hold) {
                         break;
                     }
                 }
-                let (held, exemption) = match kind {
-                    ContactKind::Pick => (None, Exemption { hand_with: Some(object), held_with: None }),
-                    ContactKind::Place => (
-                        Some(Held { object, object_in_tcp: hold }),
-                        Exemption { hand_with: None, held_with: carrier },
-                    ),
-                };
-                let all = contacts.at(&asked, &hold);
-                ends.extend(all.iter().map(|contact| (arm, contact.q.clone(), held, exemption)));
+                ends.extend(self.grounder.contact_ends(&asked, &hold));
             }
         }
         Some(ends)

@@ -452,7 +452,7 @@ impl<'a> Grounder<'a> {
         }
     }
 
-    fn carrier(&self, surface: SurfaceId) -> Option<crate::workcell::ObstacleId> {
+    pub(super) fn carrier(&self, surface: SurfaceId) -> Option<crate::workcell::ObstacleId> {
         self.problem.workcell.surfaces.get(surface.0).and_then(|s| s.carrier)
     }
 }

@@ -32,6 +32,7 @@ mod settings;
 mod smart;
 #[cfg(test)]
 mod tests;
+mod together;
 mod tree;
 
 pub use candidate::Candidate;

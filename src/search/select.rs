@@ -179,6 +179,11 @@ impl Search<'_> {
                     let blamed = if meetings.is_empty() { place.as_slice() } else { &meetings };
                     self.cut_all(blamed, MISFIT_PENALTY);
                 }
+                Misfit::Crowded(one, other) => {
+                    let kind = CutKind::Pair(*one, *other);
+                    self.cuts.add(kind, 1, self.lifetime());
+                    self.version += 1;
+                }
                 Misfit::Blocked { pick: at_pick, place: at_place } => {
                     if let Some(pick) = pick {
                         self.blocked(pick, at_pick);
@@ -323,13 +328,18 @@ impl Search<'_> {
                 StepFailure::Stopped => {}
             }
         }
-        // Fewer steps than the incumbent's are tried again and again, with other contacts and motions.
-        let settings = &self.settings;
-        let lifetime = if self.wants_fewer_steps() { settings.brief_lifetime } else { settings.cut_lifetime };
+        let lifetime = self.lifetime();
         for kind in blamed {
             self.cuts.add(kind, 1, lifetime);
             self.version += 1;
         }
+    }
+
+    /// How long arms that could not be kept apart are remembered: fewer steps than the incumbent's are tried again
+    /// and again, with other contacts and motions.
+    fn lifetime(&self) -> u64 {
+        let settings = &self.settings;
+        if self.wants_fewer_steps() { settings.brief_lifetime } else { settings.cut_lifetime }
     }
 
     /// Learns from a step that could not be grounded.
