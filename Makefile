@@ -12,7 +12,7 @@ help:
 	@echo "make build   the release binary, target/release/quadrille"
 	@echo "make demo    plan the 2x2 switch through the service, and judge the result"
 	@echo "make test    all tests, kills, load and fuzzing in short"
-	@echo "make soak    200 kills, minutes of load, 10 minutes of damaged input of each kind: half an hour; prints the figures"
+	@echo "make soak    200 kills, minutes of load, 10 minutes of damaged input of each kind: an hour on two processors; prints the figures"
 	@echo "make api     write api/openapi.json and api/schemas anew"
 	@echo "make serve   run the service on LISTEN ($(LISTEN))"
 	@echo "make lint    formatting, clippy, documentation"

@@ -161,10 +161,7 @@ pub fn check(instance: &Instance, solution: &Solution) -> Result<(), Violation> 
             }
         }
         for (clash, data) in instance.clashes.iter().enumerate() {
-            let means = |action: &&super::solution::Move| {
-                data.actions.iter().any(|one| one.means(action.object, action.from, action.to))
-            };
-            let taken = moves.iter().filter(means);
+            let taken = moves.iter().filter(|action| data.edges.contains(&(action.from, action.to)));
             if taken.count() > 1 {
                 return Err(Violation::Clashing { step, clash });
             }

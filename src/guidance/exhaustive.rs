@@ -224,8 +224,7 @@ impl<'a> Exhaustive<'a> {
                         continue;
                     }
                     let entered = network.resources.get(to as usize).iter().copied();
-                    let resources =
-                        entered.chain(network.crossing(network.kind_of[object], node as usize, to as usize));
+                    let resources = entered.chain(network.crossing(node as usize, to as usize));
                     let full =
                         |resource: u16| load[resource as usize] >= network.capacities[resource as usize];
                     if resources.clone().any(full) {

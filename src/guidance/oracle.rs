@@ -69,10 +69,8 @@ fn is_legal(instance: &Instance, before: &ModeState, after: &ModeState) -> bool 
         mine.any(|block| before.contains(&block.at) || after.contains(&block.at))
     });
     let clashes = instance.clashes.iter().any(|clash| {
-        let means = |&&object: &&usize| {
-            clash.actions.iter().any(|one| one.means(object, before[object], after[object]))
-        };
-        moved.iter().filter(means).count() > 1
+        let edges = moved.iter().map(|&object| (before[object], after[object]));
+        edges.filter(|edge| clash.edges.contains(edge)).count() > 1
     });
     !is_blocked
         && !clashes
@@ -107,6 +105,15 @@ pub(super) fn random_instance(rng: &mut Rng) -> Instance {
                 edges.push(Edge { from: NodeId(from), to: NodeId(to), weight, class });
             }
         }
+    }
+    // Now and then a slot has a twin with the same neighbours.
+    let slot = (arms..nodes.len()).find(|&node| nodes[node].kind == NodeKind::Slot);
+    if let Some(slot) = slot.filter(|_| rng.random_ratio(1, 3)) {
+        let twin = NodeId(nodes.len());
+        nodes.push(nodes[slot]);
+        let instead = |node: NodeId| if node.0 == slot { twin } else { node };
+        let alike: Vec<Edge> = edges.iter().filter(|e| e.from.0 == slot || e.to.0 == slot).copied().collect();
+        edges.extend(alike.iter().map(|e| Edge { from: instead(e.from), to: instead(e.to), ..*e }));
     }
     let mut conflicts = Vec::new();
     for one in arms..nodes.len() {
@@ -168,12 +175,7 @@ pub(super) fn random_instance(rng: &mut Rng) -> Instance {
     for (number, one) in edges.iter().enumerate().filter(|_| clashing) {
         for other in &edges[..number] {
             if rng.random_ratio(1, 8) {
-                let mut meant = |edge: &Edge| {
-                    let named = rng.random_ratio(1, 2);
-                    let object = named.then(|| rng.random_range(0..objects.len()));
-                    Clashing { from: edge.from, to: edge.to, object }
-                };
-                clashes.push(Clash { actions: vec![meant(one), meant(other)] });
+                clashes.push(Clash { edges: vec![(one.from, one.to), (other.from, other.to)] });
             }
         }
     }

@@ -8,8 +8,9 @@
 //! (subgradient steps, as queues in the method of Held and Karp 1971). All arithmetic is in
 //! integers: a proof is exact.
 //!
-//! Slots that are neither an object's start nor its goal count as free rests for it, one for all
-//! slots with the same neighbours: a further relaxation that keeps the routes' graphs small.
+//! Slots that are neither an object's start nor its goal count as free rests for it, one or two for all
+//! slots with the same neighbours: a further relaxation that keeps the routes' graphs small. The way to such
+//! a rest and from there is that of any of them, so that nothing is asked for edges there.
 
 use super::network::Network;
 
@@ -166,8 +167,8 @@ impl Relaxation {
                     self.surplus[step * self.width + resource as usize] += size;
                 }
             }
-            if before != node {
-                for resource in network.crossing(network.kind_of[object], before as usize, node as usize) {
+            if before != node && !free(before) && !free(node) {
+                for resource in network.crossing(before as usize, node as usize) {
                     self.surplus[step * self.width + resource as usize] += size;
                 }
             }
@@ -199,9 +200,8 @@ impl Relaxation {
             let remaining = (horizon - step - 1) as u16;
             let row = &self.node_price[step * count..(step + 1) * count];
             let prices = &self.price[step * self.width..(step + 1) * self.width];
-            let priced = |node: usize| -> i64 {
-                if kind.stands_in[node] && node != start as usize { 0 } else { row[node] }
-            };
+            let free = |node: u16| kind.stands_in[node as usize] && node != start;
+            let priced = |node: usize| -> i64 { if free(node as u16) { 0 } else { row[node] } };
             let (now, then) = self.cost.split_at_mut((step + 1) * count);
             let now = &now[step * count..];
             let parents = &mut self.parent[(step + 1) * count..(step + 2) * count];
@@ -220,13 +220,12 @@ impl Relaxation {
                 if kind.to_goal[node as usize] <= remaining {
                     offer(node, base);
                 }
-                let crosses = network.has_crossings(node as usize);
+                let crosses = !free(node) && network.has_crossings(node as usize);
                 for &next in graph.successors(node as usize) {
                     if kind.to_goal[next as usize] <= remaining {
                         let mut cost = base + priced(next as usize);
-                        if crosses {
-                            let drawn =
-                                network.crossing(network.kind_of[object], node as usize, next as usize);
+                        if crosses && !free(next) {
+                            let drawn = network.crossing(node as usize, next as usize);
                             cost += drawn.map(|resource| prices[resource as usize]).sum::<i64>();
                         }
                         offer(next, cost);

@@ -11,7 +11,7 @@ use rand::seq::IndexedRandom;
 
 use crate::collision::CollisionWorld;
 use crate::geometry::Pose;
-use crate::guidance::{Move, NodeId};
+use crate::guidance::NodeId;
 use crate::kinematics::Config;
 use crate::problem::Problem;
 use crate::run::Rng;
@@ -80,8 +80,6 @@ pub(super) enum Misfit {
     Between,
     /// Others stand in the way of the pick, or of the place.
     Blocked { pick: Vec<Neighbour>, place: Vec<Neighbour> },
-    /// There is one, but for two actions in one step no grasps were found with which the arms are apart.
-    Crowded(Move, Move),
 }
 
 /// Grounds chains.

@@ -4,7 +4,7 @@
 use std::collections::BTreeMap;
 
 use rand::Rng as _;
-use rand::seq::{IndexedRandom, SliceRandom};
+use rand::seq::IndexedRandom;
 
 use crate::collision::{CollisionWorld, Exemption, Held, Scene};
 use crate::geometry::Pose;
@@ -54,12 +54,7 @@ pub(super) struct Grounding {
     pub(super) chains: Chains,
     /// The nodes at which objects were put down, which may be others than the guide's.
     pub(super) landed: BTreeMap<usize, NodeId>,
-    /// Two arms that touch each other at the end of the step.
-    pub(super) crowded: Option<(ArmId, ArmId)>,
 }
-
-/// Choices of contacts for a step in which the arms would touch each other at its end.
-const CONTACT_TRIALS: usize = 8;
 
 /// The contacts that a step ends with as far as they are chosen, and what an arm does whose own is
 /// being chosen.
@@ -109,8 +104,7 @@ impl<'a> Grounder<'a> {
         }
     }
 
-    /// Grounds the guide's immediate actions from `vertex` by the chains of `outline`, where possible so that
-    /// the arms are apart from each other at the end of the step.
+    /// Grounds the guide's immediate actions from `vertex` by the chains of `outline`.
     pub(super) fn ground(
         &mut self,
         vertex: &Vertex,
@@ -118,14 +112,30 @@ impl<'a> Grounder<'a> {
         outline: &Outline,
     ) -> Result<Grounding, GroundingFailure> {
         let now: Vec<Config> = vertex.arms.iter().map(|arm| after_departure(arm).clone()).collect();
-        let mut trial = 0;
-        let (mut grounding, mut goals) = loop {
-            let (grounding, goals) = self.ground_actions((vertex, &now), guide, outline, trial > 0)?;
-            trial += 1;
-            if grounding.crowded.is_none() || trial == CONTACT_TRIALS {
-                break (grounding, goals);
-            }
+        let mut goals: Vec<Option<ArmGoal>> = vec![None; vertex.arms.len()];
+        let mut grounding = Grounding {
+            task: StepTask { arms: Vec::new(), scene: scene(vertex) },
+            actions: Vec::new(),
+            departures: BTreeMap::new(),
+            waits: BTreeMap::new(),
+            objects: vertex.objects.clone(),
+            chains: outline.chains.clone(),
+            landed: BTreeMap::new(),
         };
+        // Handoffs choose first, and the others choose their contacts apart from them.
+        let is_handoff =
+            |action: &&Move| self.map.arm(action.from).is_some() && self.map.arm(action.to).is_some();
+        let (handoffs, others): (Vec<Move>, Vec<Move>) = guide.immediate.iter().partition(is_handoff);
+        let meetings = self.meetings(&now, &handoffs, outline)?;
+        for action in handoffs.iter().chain(&others) {
+            let chain = outline.chains.get(&action.object).and_then(|chains| chains.first());
+            let chain = chain.ok_or(GroundingFailure::NoChain(*action))?;
+            let near = self.around(vertex, outline, action.object, 1);
+            let meeting = meetings.iter().find(|meeting| meeting.object() == action.object);
+            let meeting = meeting.map(|meeting| &meeting.contact);
+            self.ground_action((vertex, &now), (action, meeting), chain, &near, &mut goals, &mut grounding)
+                .map_err(|by| GroundingFailure::NoContact(*action, by))?;
+        }
         for action in &guide.heuristic {
             let Some(arm) = self.map.arm(action.arm) else { continue };
             if goals[arm.0].is_none() && action.step > 1 {
@@ -163,47 +173,6 @@ impl<'a> Grounder<'a> {
         Ok(grounding)
     }
 
-    /// Contacts for the guide's immediate actions; `anew` in another order and mostly others than the
-    /// nearest that are known.
-    fn ground_actions(
-        &mut self,
-        (vertex, now): (&Vertex, &[Config]),
-        guide: &Guide,
-        outline: &Outline,
-        anew: bool,
-    ) -> Result<(Grounding, Vec<Option<ArmGoal>>), GroundingFailure> {
-        let mut goals: Vec<Option<ArmGoal>> = vec![None; vertex.arms.len()];
-        let mut grounding = Grounding {
-            task: StepTask { arms: Vec::new(), scene: scene(vertex) },
-            actions: Vec::new(),
-            departures: BTreeMap::new(),
-            waits: BTreeMap::new(),
-            objects: vertex.objects.clone(),
-            chains: outline.chains.clone(),
-            landed: BTreeMap::new(),
-            crowded: None,
-        };
-        // Handoffs choose first, and the others choose their contacts apart from them.
-        let is_handoff =
-            |action: &&Move| self.map.arm(action.from).is_some() && self.map.arm(action.to).is_some();
-        let (handoffs, mut others): (Vec<Move>, Vec<Move>) = guide.immediate.iter().partition(is_handoff);
-        if anew {
-            others.shuffle(&mut self.rng);
-        }
-        let meetings = self.meetings(now, &handoffs, outline)?;
-        for action in handoffs.iter().chain(&others) {
-            let chain = outline.chains.get(&action.object).and_then(|chains| chains.first());
-            let chain = chain.ok_or(GroundingFailure::NoChain(*action))?;
-            let near = self.around(vertex, outline, action.object, 1);
-            let meeting = meetings.iter().find(|meeting| meeting.object() == action.object);
-            let meeting = meeting.map(|meeting| &meeting.contact);
-            let at = (vertex, now);
-            self.ground_action(at, (action, meeting), chain, &near, anew, &mut goals, &mut grounding)
-                .map_err(|by| GroundingFailure::NoContact(*action, by))?;
-        }
-        Ok((grounding, goals))
-    }
-
     /// Where an arm goes that has nothing more to do.
     fn at_leisure(&self, arm: usize) -> ArmGoal {
         match self.problem.options.objective {
@@ -212,14 +181,12 @@ impl<'a> Grounder<'a> {
         }
     }
 
-    #[allow(clippy::too_many_arguments)]
     fn ground_action(
         &mut self,
         (vertex, now): (&Vertex, &[Config]),
         (action, meeting): (&Move, Option<&HandoffContact>),
         chain: &Chain,
         near: &[Neighbour],
-        anew: bool,
         goals: &mut Vec<Option<ArmGoal>>,
         out: &mut Grounding,
     ) -> Result<(), Vec<Neighbour>> {
@@ -234,8 +201,7 @@ impl<'a> Grounder<'a> {
                 };
                 let pick = query(ContactKind::Pick, arm, object, (pose, surface));
                 let ends = Ends { vertex, goals, held: None, exemption: touching };
-                let contact = self.contact(&pick, &hold, &now[arm.0], near, Some((&ends, anew)))?;
-                out.crowded = self.met(arm, &contact.q, &ends).map(|other| (arm, other)).or(out.crowded);
+                let contact = self.contact(&pick, &hold, &now[arm.0], near, Some(&ends))?;
                 goals[arm.0] = Some(ArmGoal::Contact {
                     q: contact.q.clone(),
                     approach: Some(contact.approach.clone()),
@@ -253,8 +219,7 @@ impl<'a> Grounder<'a> {
                 let exemption = Exemption { hand_with: None, held_with: self.carrier(surface) };
                 let held = Some(Held { object, object_in_tcp: hold });
                 let ends = Ends { vertex, goals, held, exemption };
-                let contact = self.contact(&place, &hold, &now[arm.0], near, Some((&ends, anew)))?;
-                out.crowded = self.met(arm, &contact.q, &ends).map(|other| (arm, other)).or(out.crowded);
+                let contact = self.contact(&place, &hold, &now[arm.0], near, Some(&ends))?;
                 goals[arm.0] = Some(ArmGoal::Contact {
                     q: contact.q.clone(),
                     approach: Some(contact.approach.clone()),
@@ -301,17 +266,16 @@ impl<'a> Grounder<'a> {
 
     /// A contact: mostly the nearest of those known, sometimes any, sometimes after sampling more,
     /// and where possible apart from the `ends` of the step that are chosen already; or what is in
-    /// the way of all. With the ends comes whether what would be nearest did not do.
+    /// the way of all.
     fn contact(
         &mut self,
         asked: &ContactQuery,
         hold: &Pose,
         now: &Config,
         near: &[Neighbour],
-        ends: Option<(&Ends<'_>, bool)>,
+        ends: Option<&Ends<'_>>,
     ) -> Result<Contact, Vec<Neighbour>> {
-        let anew = ends.is_some_and(|(_, anew)| anew);
-        if self.rng.random_bool(if anew { 0.5 } else { self.fresh }) {
+        if self.rng.random_bool(self.fresh) {
             self.contacts.more(asked, hold);
         }
         let scene = scene_of(near);
@@ -322,8 +286,8 @@ impl<'a> Grounder<'a> {
             .filter(|contact| self.contacts.is_clear(asked, contact, &scene))
             .cloned()
             .collect();
-        if let Some((ends, _)) = ends {
-            let apart = known.iter().filter(|c| self.met(asked.arm, &c.q, ends).is_none()).cloned();
+        if let Some(ends) = ends {
+            let apart = known.iter().filter(|c| self.is_apart(asked.arm, &c.q, ends)).cloned();
             let apart: Vec<Contact> = apart.collect();
             if !apart.is_empty() {
                 known = apart;
@@ -333,11 +297,7 @@ impl<'a> Grounder<'a> {
         let nearest = known
             .iter()
             .min_by(|a, b| travel_time(model, now, &a.q).total_cmp(&travel_time(model, now, &b.q)));
-        let chosen = if self.rng.random_bool(if anew { 0.8 } else { 0.3 }) {
-            known.choose(&mut self.rng)
-        } else {
-            nearest
-        };
+        let chosen = if self.rng.random_bool(0.3) { known.choose(&mut self.rng) } else { nearest };
         match chosen {
             Some(contact) => Ok(contact.clone()),
             None => Err(self.planner().blockers(asked, hold, near)),
@@ -393,18 +353,16 @@ impl<'a> Grounder<'a> {
         found[..nearest].choose(&mut self.rng).cloned()
     }
 
-    /// Another arm with a contact in this step that `arm` would touch at its own.
-    fn met(&self, arm: ArmId, q: &Config, ends: &Ends<'_>) -> Option<ArmId> {
-        let is_apart = |other: ArmId, goal: &Option<ArmGoal>| {
+    /// Whether `arm` at its contact is apart from the other arms that have one in this step.
+    fn is_apart(&self, arm: ArmId, q: &Config, ends: &Ends<'_>) -> bool {
+        ends.goals.iter().enumerate().all(|(other, goal)| {
             let Some(ArmGoal::Contact { q: at, exemption, .. }) = goal else { return true };
-            let held = held_by(ends.vertex, other);
+            let held = held_by(ends.vertex, ArmId(other));
             self.world.arms_apart(
                 (arm, q, ends.held.as_ref(), ends.exemption),
-                (other, at, held.as_ref(), *exemption),
+                (ArmId(other), at, held.as_ref(), *exemption),
             )
-        };
-        let mut others = ends.goals.iter().enumerate().map(|(other, goal)| (ArmId(other), goal));
-        others.find(|(other, goal)| !is_apart(*other, goal)).map(|(other, _)| other)
+        })
     }
 
     /// Where an arm positions itself for a later action of its own.
@@ -452,7 +410,7 @@ impl<'a> Grounder<'a> {
         }
     }
 
-    pub(super) fn carrier(&self, surface: SurfaceId) -> Option<crate::workcell::ObstacleId> {
+    fn carrier(&self, surface: SurfaceId) -> Option<crate::workcell::ObstacleId> {
         self.problem.workcell.surfaces.get(surface.0).and_then(|s| s.carrier)
     }
 }

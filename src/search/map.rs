@@ -47,14 +47,11 @@ impl Map {
         self.graph.arm_of(self.in_graph(node))
     }
 
-    /// Whether two nodes stand for the same node of the graph.
-    pub(super) fn is_same(&self, one: NodeId, other: NodeId) -> bool {
-        self.in_graph(one) == self.in_graph(other)
-    }
-
-    /// Whether `node` is a region, where an object may stand in many places.
-    pub(super) fn is_region(&self, node: NodeId) -> bool {
-        matches!(self.graph.nodes.get(self.in_graph(node)).map(|n| &n.place), Some(Place::Region(_)))
+    /// Whether `object` can stand at `node` in one place only.
+    pub(super) fn is_exact(&self, object: usize, node: NodeId) -> bool {
+        let mut places = self.placements(object, node).into_iter().map(|(pose, _)| pose.translation);
+        let first = places.next();
+        places.all(|place| Some(place) == first)
     }
 
     /// Where `object` may be put down at `node`.

@@ -32,7 +32,6 @@ mod settings;
 mod smart;
 #[cfg(test)]
 mod tests;
-mod together;
 mod tree;
 
 pub use candidate::Candidate;

@@ -23,9 +23,6 @@ const DETOUR_AFTER: u32 = 2;
 /// Places tried for an object that must be able to go on from there.
 const LOOK_AHEAD_TRIES: usize = 6;
 
-/// Times that chains are planned again for arms that would touch each other.
-const APART_TRIES: usize = 6;
-
 /// Places of a region that are tried in full for one chain at first, and when they kept failing.
 const FEWEST_TARGETS: usize = 4;
 const MOST_TARGETS: usize = 32;
@@ -71,60 +68,11 @@ impl<'a> Grounder<'a> {
             }
             let next = outline.legs[index + 1..].iter().find(|other| other.object == leg.object).cloned();
             match self.chain(vertex, &outline, &leg, next.as_ref(), &now, false) {
-                Ok(chain) => {
-                    self.enter_apart(vertex, &mut outline, &leg, next.as_ref(), &now, chain);
-                }
+                Ok(chain) => outline.chains.entry(leg.object).or_default().push(chain),
                 Err(why) => outline.obstructions.push(Obstruction { leg, why }),
             }
         }
         outline
-    }
-
-    /// Enters the chain of `leg`, or another with which its arms are apart from those of the other actions in the
-    /// same steps, be it that one of the others' is planned again; says where none was found.
-    fn enter_apart(
-        &mut self,
-        vertex: &Vertex,
-        outline: &mut Outline,
-        leg: &Leg,
-        next: Option<&Leg>,
-        now: &[Config],
-        mut chain: Chain,
-    ) {
-        for trial in 0..=APART_TRIES {
-            let Some((own, other, index)) = self.meets_another(vertex, outline, leg, &chain) else { break };
-            if trial == APART_TRIES {
-                let why = Misfit::Crowded(own, other);
-                outline.obstructions.push(Obstruction { leg: leg.clone(), why });
-                break;
-            }
-            if trial.is_multiple_of(2) {
-                if let Ok(another) = self.chain(vertex, outline, leg, next, now, true) {
-                    chain = another;
-                }
-                continue;
-            }
-            // The other leg's chain, where it is its object's last so far.
-            let theirs = outline.legs[index].clone();
-            let mut of_object = outline.legs.iter().filter(|one| one.object == theirs.object);
-            let place = of_object.clone().position(|one| one.ends() == theirs.ends());
-            let after = of_object.find(|one| one.ends() > theirs.ends()).cloned();
-            let Some(chains) = outline.chains.get_mut(&theirs.object) else { continue };
-            if place != chains.len().checked_sub(1) {
-                continue;
-            }
-            let Some(old) = chains.pop() else { continue };
-            let mut anew = self.chain(vertex, outline, &theirs, after.as_ref(), now, true).ok();
-            if let Some(chain) = &anew
-                && self.meets_another(vertex, outline, &theirs, chain).is_some()
-            {
-                anew = None;
-            }
-            if let Some(chains) = outline.chains.get_mut(&theirs.object) {
-                chains.push(anew.unwrap_or(old));
-            }
-        }
-        outline.chains.entry(leg.object).or_default().push(chain);
     }
 
     /// Plans chains of the immediate actions again, one in two.

@@ -179,11 +179,6 @@ impl Search<'_> {
                     let blamed = if meetings.is_empty() { place.as_slice() } else { &meetings };
                     self.cut_all(blamed, MISFIT_PENALTY);
                 }
-                Misfit::Crowded(one, other) => {
-                    let kind = CutKind::Pair(*one, *other);
-                    self.cuts.add(kind, 1, self.lifetime());
-                    self.version += 1;
-                }
                 Misfit::Blocked { pick: at_pick, place: at_place } => {
                     if let Some(pick) = pick {
                         self.blocked(pick, at_pick);
@@ -210,12 +205,13 @@ impl Search<'_> {
         for neighbour in by {
             let kind = CutKind::Blocked { action, by: neighbour.object.0, at: neighbour.node };
             let settings = &self.settings;
-            // Elsewhere in the same region it need not be in the way; and once there is a plan there is
+            // Where it may stand in many places it need not be in the way; and once there is a plan there is
             // time to try again.
-            let (penalty, lifetime) = match (self.map.is_region(neighbour.node), self.best.is_some()) {
-                (true, _) => (MISFIT_PENALTY, settings.cut_lifetime),
-                (false, true) => (BLOCKED_PENALTY, settings.cut_lifetime),
-                (false, false) => (BLOCKED_PENALTY, settings.block_lifetime),
+            let is_exact = self.map.is_exact(neighbour.object.0, neighbour.node);
+            let (penalty, lifetime) = match (is_exact, self.best.is_some()) {
+                (false, _) => (MISFIT_PENALTY, settings.cut_lifetime),
+                (true, true) => (BLOCKED_PENALTY, settings.cut_lifetime),
+                (true, false) => (BLOCKED_PENALTY, settings.block_lifetime),
             };
             self.cuts.add(kind, penalty, lifetime);
             self.version += 1;
@@ -328,18 +324,10 @@ impl Search<'_> {
                 StepFailure::Stopped => {}
             }
         }
-        let lifetime = self.lifetime();
         for kind in blamed {
-            self.cuts.add(kind, 1, lifetime);
+            self.cuts.add(kind, 1, self.settings.cut_lifetime);
             self.version += 1;
         }
-    }
-
-    /// How long arms that could not be kept apart are remembered: fewer steps than the incumbent's are tried again
-    /// and again, with other contacts and motions.
-    fn lifetime(&self) -> u64 {
-        let settings = &self.settings;
-        if self.wants_fewer_steps() { settings.brief_lifetime } else { settings.cut_lifetime }
     }
 
     /// Learns from a step that could not be grounded.

@@ -1,13 +1,13 @@
 //! Algorithm 1.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use rand::Rng as _;
 
 use crate::collision::CollisionWorld;
 use crate::guidance::{
-    Answer, Certificate, Cuts, Effort, Greedy, Guidance, Guide, Memo, Move, Network, Sequential, Smart, solve,
+    Answer, Certificate, Cuts, Effort, Greedy, Guidance, Guide, Memo, Network, Sequential, Smart, solve,
 };
 use crate::motion::{Roadmap, StepPlanner};
 use crate::problem::{GuidanceKind, InitialPlacement, Objective, Problem};
@@ -47,8 +47,6 @@ pub struct Search<'a> {
     /// The map's network with what was learnt since.
     pub(super) network: Arc<Network>,
     pub(super) suspicions: Suspicions,
-    /// Pairs of actions of which it was asked whether they can be done in one step.
-    pub(super) looked_into: BTreeSet<[Move; 2]>,
     pub(super) guidance: Box<dyn Guidance>,
     pub(super) memo: Memo,
     /// Answers without cuts, for states beside the way.
@@ -98,7 +96,6 @@ impl<'a> Search<'a> {
             settings,
             network: map.network().clone(),
             suspicions: Suspicions::new(),
-            looked_into: BTreeSet::new(),
             guidance,
             memo: Memo::new(),
             detours: Memo::new(),
@@ -249,13 +246,6 @@ impl<'a> Search<'a> {
                     return None;
                 }
             };
-            // Once there is a plan there is time to find out whether two contacts ever go together.
-            if let Some(arms) = grounding.crowded
-                && self.best.is_some()
-                && self.look_into(tau, guide, arms, control)
-            {
-                return None;
-            }
             let last = attempt + 1 == attempts;
             match self.planner.plan(&grounding.task, thorough && last, control) {
                 Ok(motion) => {

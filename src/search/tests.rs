@@ -4,7 +4,6 @@
 use rand::Rng as _;
 use rand::seq::IndexedRandom;
 
-use super::chain::Misfit;
 use super::ground::GroundingFailure;
 use super::*;
 use crate::collision::CollisionWorld;
@@ -91,7 +90,7 @@ fn handoffs_that_never_fit_into_one_step_become_a_rule() {
         assert_eq!(rules(search), 1);
         let clash = search.network.instance().clashes[0].clone();
         for action in [one, two] {
-            assert!(clash.actions.contains(&(action.from, action.to).into()));
+            assert!(clash.edges.contains(&(action.from, action.to)));
         }
         search.guide(0, &control);
         let guide = search.tree[0].guide.clone().unwrap();
@@ -145,32 +144,6 @@ fn meetings_of_one_step_are_apart_or_said_to_clash() {
         });
     }
     assert!(apart + clashes > 0);
-}
-
-#[test]
-fn outlines_keep_arms_apart_at_the_ends_of_steps() {
-    let mut looked_at = 0;
-    for seed in 0..6 {
-        with_search(&problem(Family::Switch, seed), |search, _, _| {
-            let guide = search.tree[0].guide.clone().unwrap();
-            let mut outline = search.grounder.outline(&search.tree[0], &guide);
-            let mut told: Vec<[Move; 2]> = Vec::new();
-            for obstruction in &outline.obstructions {
-                match obstruction.why {
-                    Misfit::Crowded(one, other) => told.push([one, other]),
-                    // Legs without chains.
-                    _ => return,
-                }
-            }
-            for leg in outline.legs.clone().iter().rev() {
-                let chain = outline.chains.get_mut(&leg.object).and_then(Vec::pop).unwrap();
-                let met = search.grounder.meets_another(&search.tree[0], &outline, leg, &chain);
-                assert!(met.is_none_or(|(a, b, _)| told.contains(&[a, b]) || told.contains(&[b, a])));
-                looked_at += 1;
-            }
-        });
-    }
-    assert!(looked_at > 0);
 }
 
 #[test]

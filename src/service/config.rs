@@ -47,7 +47,7 @@ pub struct ServiceConfig {
     /// The header by which a trusted proxy tells clients apart; without one they are told apart by
     /// their addresses.
     pub client_header: Option<HeaderName>,
-    /// How long a shutdown waits for replies and planner threads to end.
+    /// How long a shutdown may take, replies and planner threads included.
     pub drain: Duration,
 }
 

@@ -1,4 +1,4 @@
-//! Who is let in: connections are counted in all and per address, and one over which nothing comes is closed.
+//! Who is let in: connections are counted in all and per address, and one over which no request comes is closed.
 
 use std::collections::BTreeMap;
 use std::io::{Error, ErrorKind, IoSlice, Result};
@@ -11,13 +11,13 @@ use std::time::Duration;
 use axum::serve::Listener;
 use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};
 use tokio::net::{TcpListener, TcpStream};
-use tokio::time::Sleep;
+use tokio_util::sync::CancellationToken;
 
 use super::ApiError;
 use super::figures::Figures;
 
-/// How long a new connection may say nothing unless told otherwise. Longer than clients keep connections in
-/// stock, so that none is closed in the moment in which it is used first.
+/// How long the first request's head may take on a new connection unless told otherwise. Longer than clients
+/// keep connections in stock, so that none is closed in the moment in which it is used first.
 const SILENCE: Duration = Duration::from_secs(120);
 
 /// A listener that lets only so many in.
@@ -29,8 +29,10 @@ pub struct Door {
     limit: usize,
     /// Most connections from one address.
     own: usize,
-    /// How long a new connection may say nothing.
+    /// How long the first head may take.
     silence: Duration,
+    /// Ends the wait for first heads.
+    shutdown: CancellationToken,
 }
 
 /// Who is inside.
@@ -84,9 +86,16 @@ impl Drop for Place {
 }
 
 impl Door {
-    /// Lets `limit` connections in at `listener`, and `own` from each address.
-    pub fn new(listener: TcpListener, limit: usize, own: usize, figures: Arc<Figures>) -> Self {
-        Self { listener, inside: Arc::default(), figures, limit, own, silence: SILENCE }
+    /// Lets `limit` connections in at `listener`, and `own` from each address. Once `shutdown` is raised,
+    /// nobody's first head is waited for.
+    pub fn new(
+        listener: TcpListener,
+        limit: usize,
+        own: usize,
+        figures: Arc<Figures>,
+        shutdown: CancellationToken,
+    ) -> Self {
+        Self { listener, inside: Arc::default(), figures, limit, own, silence: SILENCE, shutdown }
     }
 }
 
@@ -103,8 +112,15 @@ impl Listener for Door {
                     if let Err(error) = stream.set_nodelay(true) {
                         tracing::debug!(%error, "no TCP_NODELAY");
                     }
-                    let speak_by = Some(Box::pin(tokio::time::sleep(self.silence)));
-                    return (Guest { stream, speak_by, _place: place }, address);
+                    let (silence, shutdown) = (self.silence, self.shutdown.clone());
+                    let patience: Patience = Box::pin(async move {
+                        tokio::select! {
+                            () = tokio::time::sleep(silence) => {}
+                            () = shutdown.cancelled() => {}
+                        }
+                    });
+                    let waiting = Some((FirstHead::default(), patience));
+                    return (Guest { stream, waiting, _place: place }, address);
                 }
                 Err(limit) => {
                     let refusal = ApiError::TooManyConnections { limit };
@@ -122,11 +138,40 @@ impl Listener for Door {
     }
 }
 
+/// How much has come of the first request's head, which an empty line ends; HTTP/2 begins with such a one.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+enum FirstHead {
+    /// Nothing, or line ends, which may stand before it.
+    #[default]
+    Nothing,
+    /// Part of a line.
+    InLine,
+    /// Whole lines.
+    Lines,
+    /// All of it.
+    Whole,
+}
+
+impl FirstHead {
+    /// What has come after `bytes` more.
+    fn after(self, bytes: &[u8]) -> Self {
+        bytes.iter().fold(self, |head, byte| match (head, byte) {
+            (Self::Whole, _) | (Self::Lines, b'\n') => Self::Whole,
+            (Self::InLine, b'\n') => Self::Lines,
+            (Self::Nothing | Self::Lines, b'\r') | (Self::Nothing, b'\n') => head,
+            _ => Self::InLine,
+        })
+    }
+}
+
+/// Ends when a head is no longer waited for.
+type Patience = Pin<Box<dyn Future<Output = ()> + Send + Sync>>;
+
 /// A connection that was let in.
 pub struct Guest {
     stream: TcpStream,
-    /// When the first bytes must have come; nothing once they have.
-    speak_by: Option<Pin<Box<Sleep>>>,
+    /// What has come of the first head, and how long the rest is waited for; nothing once it is there.
+    waiting: Option<(FirstHead, Patience)>,
     _place: Place,
 }
 
@@ -136,13 +181,18 @@ impl AsyncRead for Guest {
         context: &mut Context<'_>,
         into: &mut ReadBuf<'_>,
     ) -> Poll<Result<()>> {
-        let read = Pin::new(&mut self.stream).poll_read(context, into);
-        if read.is_ready() {
-            self.speak_by = None;
-            return read;
+        let guest = &mut *self;
+        let before = into.filled().len();
+        let read = Pin::new(&mut guest.stream).poll_read(context, into);
+        let Some((head, patience)) = &mut guest.waiting else { return read };
+        *head = head.after(into.filled().get(before..).unwrap_or_default());
+        if *head == FirstHead::Whole {
+            guest.waiting = None;
+        } else if patience.as_mut().poll(context).is_ready() {
+            // Too late for what has just come, too.
+            return Poll::Ready(Err(Error::from(ErrorKind::TimedOut)));
         }
-        let late = self.speak_by.as_mut().is_some_and(|speak_by| speak_by.as_mut().poll(context).is_ready());
-        if late { Poll::Ready(Err(Error::from(ErrorKind::TimedOut))) } else { Poll::Pending }
+        read
     }
 }
 
@@ -202,18 +252,46 @@ mod tests {
         use tokio::io::{AsyncReadExt, AsyncWriteExt};
         let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
         let address = listener.local_addr().unwrap();
-        let mut door = Door::new(listener, 9, 9, Arc::new(Figures::new().unwrap()));
+        let shutdown = CancellationToken::new();
+        let mut door = Door::new(listener, 9, 9, Arc::new(Figures::new().unwrap()), shutdown.clone());
+        let (mut text, half) = (String::new(), "GET /livez HTT");
         door.silence = Duration::from_millis(20);
-        let _silent = TcpStream::connect(address).await.unwrap();
-        let mut guest = door.accept().await.0;
-        assert_eq!(guest.read_u8().await.unwrap_err().kind(), ErrorKind::TimedOut);
-        drop(guest);
-        // Who has spoken once may be silent.
+        for said in ["", half] {
+            let mut talks = TcpStream::connect(address).await.unwrap();
+            talks.write_all(said.as_bytes()).await.unwrap();
+            let mut guest = door.accept().await.0;
+            let end = guest.read_to_string(&mut text).await;
+            assert_eq!(end.unwrap_err().kind(), ErrorKind::TimedOut, "{said}");
+        }
+        // Who has asked once may be silent.
         let mut talks = TcpStream::connect(address).await.unwrap();
-        talks.write_u8(7).await.unwrap();
+        talks.write_all(b"GET / HTTP/1.1\r\n\r\n").await.unwrap();
         let mut guest = door.accept().await.0;
-        assert_eq!(guest.read_u8().await.unwrap(), 7);
+        assert_eq!(guest.read_exact(&mut [0; 18]).await.unwrap(), 18);
         let later = tokio::time::timeout(10 * door.silence, guest.read_u8()).await;
         assert!(later.is_err(), "{later:?}");
+        // A shutdown waits for nobody's.
+        door.silence = Duration::from_secs(600);
+        let mut talks = TcpStream::connect(address).await.unwrap();
+        talks.write_all(half.as_bytes()).await.unwrap();
+        let mut guest = door.accept().await.0;
+        shutdown.cancel();
+        let end = guest.read_to_string(&mut text).await;
+        assert_eq!(end.unwrap_err().kind(), ErrorKind::TimedOut);
+    }
+
+    #[test]
+    fn a_head_ends_with_its_first_empty_line() {
+        for whole in
+            ["GET / HTTP/1.1\r\nhost: x\r\n\r\n", "\r\nGET / HTTP/1.1\n\n", "PRI * HTTP/2.0\r\n\r\nSM"]
+        {
+            assert_eq!(FirstHead::default().after(whole.as_bytes()), FirstHead::Whole, "{whole:?}");
+            // In pieces it is the same.
+            let pieces = whole.as_bytes().chunks(1);
+            assert_eq!(pieces.fold(FirstHead::default(), FirstHead::after), FirstHead::Whole, "{whole:?}");
+        }
+        for part in ["", "\r\n\r\n\n", "GET / HTTP/1.1\r\nhost: x\r\n", "GET / HTTP/1.1\r\nhost: x\r\n\r"] {
+            assert_ne!(FirstHead::default().after(part.as_bytes()), FirstHead::Whole, "{part:?}");
+        }
     }
 }

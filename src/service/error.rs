@@ -133,6 +133,12 @@ pub enum ApiError {
         /// When to come back.
         retry_after_s: u64,
     },
+    /// As many mode graphs are asked for as may be.
+    #[error("mode graphs are made one after the other, and enough requests wait for theirs")]
+    TooManyModeGraphs {
+        /// When to come back.
+        retry_after_s: u64,
+    },
     /// The service is not up, or about to end.
     #[error("the service is not ready")]
     Unavailable,
@@ -173,7 +179,7 @@ impl ProblemDocument {
 
 impl ApiError {
     /// Every code that a refusal may have.
-    pub const CODES: [&'static str; 25] = [
+    pub const CODES: [&'static str; 26] = [
         "invalid_json",
         "invalid_problem",
         "goal_unreachable",
@@ -192,6 +198,7 @@ impl ApiError {
         "too_many_streams",
         "too_many_bodies",
         "too_many_connections",
+        "too_many_mode_graphs",
         "bad_bundle",
         "idempotency_mismatch",
         "job_not_ended",
@@ -260,6 +267,9 @@ impl ApiError {
             E::TooManyBodies { .. } => {
                 (StatusCode::TOO_MANY_REQUESTS, "too_many_bodies", "Too many bodies at once")
             }
+            E::TooManyModeGraphs { .. } => {
+                (StatusCode::TOO_MANY_REQUESTS, "too_many_mode_graphs", "Too many mode graphs at once")
+            }
             E::BadBundle(_) => (StatusCode::UNPROCESSABLE_ENTITY, "bad_bundle", "The bundle cannot be used"),
             E::KeyTaken | E::KeyHeld(..) => (
                 StatusCode::UNPROCESSABLE_ENTITY,
@@ -301,6 +311,7 @@ impl ApiError {
             | E::TooManyStreams { .. }
             | E::TooManyBodies { .. }
             | E::TooManyConnections { .. }
+            | E::TooManyModeGraphs { .. }
             | E::WorkcellsFull { .. }
             | E::NoRoomForWorkcell { .. } => tonic::Code::ResourceExhausted,
             E::BodyTimeout { .. } => tonic::Code::DeadlineExceeded,
@@ -330,6 +341,7 @@ impl ApiError {
                 | ApiError::TooManyStreams { .. }
                 | ApiError::TooManyBodies { .. }
                 | ApiError::TooManyConnections { .. }
+                | ApiError::TooManyModeGraphs { .. }
                 | ApiError::Unavailable
                 | ApiError::StorageFailed
                 | ApiError::BodyTimeout { .. }
@@ -366,9 +378,9 @@ impl ApiError {
     fn retry_after_s(&self) -> Option<u64> {
         match self {
             ApiError::QueueFull(_, seconds) => Some(*seconds),
-            ApiError::TooManyStreams { retry_after_s, .. } | ApiError::TooManyBodies { retry_after_s } => {
-                Some(*retry_after_s)
-            }
+            ApiError::TooManyStreams { retry_after_s, .. }
+            | ApiError::TooManyBodies { retry_after_s }
+            | ApiError::TooManyModeGraphs { retry_after_s } => Some(*retry_after_s),
             ApiError::TooManyConnections { .. } => Some(CONNECTION_RETRY_S),
             ApiError::Unavailable | ApiError::StorageFailed => Some(5),
             _ => None,

@@ -9,6 +9,7 @@ use bytes::Bytes;
 use serde_json::{Map, Value, json};
 
 use super::client::Client;
+use super::stream::CancelOnDrop;
 use super::workcells::{Bundle, Workcells};
 use super::{ApiError, App};
 use crate::jobs::{Idempotency, JobId, JobRecord, JobRequest, ProblemReader, StoreError, Submission, Ticket};
@@ -261,8 +262,30 @@ fn digest(document: &Value) -> Result<String, ApiError> {
     Ok(wire::sha256(&canonical))
 }
 
-/// Accepts a request for a job. A client that leaves before that has happened leaves no job behind.
-/// Under an idempotency key that is known, the job of that key is given.
+/// A request for a job, with all that accepting it takes.
+struct Arrival {
+    source: Source,
+    client: Client,
+    /// Its idempotency key.
+    key: Option<String>,
+    place: Place,
+    /// Whether the job ends when its client leaves.
+    cancel: bool,
+    at: Instant,
+}
+
+/// Where a request belongs.
+enum Place {
+    /// To this job, made by a request under the same key and with this digest.
+    Known(JobId, String),
+    /// Into the queue.
+    Reserved(Ticket),
+}
+
+/// Accepts a request for a job. Under an idempotency key that is known, the job of that key is given.
+/// A client that leaves while its request waits for its turn leaves no job behind. From then on the job
+/// is made, and the guard that comes with it cancels it when it is dropped, here or by whoever has it, if
+/// `cancel` says so and this request made the job.
 ///
 /// # Errors
 /// When the queue is full, the document has faults, or the key belongs to another request.
@@ -271,80 +294,64 @@ pub async fn accept(
     source: Source,
     client: &Client,
     key: Option<String>,
-) -> Result<JobRecord, ApiError> {
-    let arrived = Instant::now();
-    let Some(key) = key else {
-        // A full queue refuses before any work is done.
-        let ticket = app.jobs.reserve(&client.0)?;
-        return accept_new(app, ticket, Parsed::Not(source), client, None, arrived).await;
+    cancel: bool,
+) -> Result<(JobRecord, CancelOnDrop), ApiError> {
+    let at = Instant::now();
+    let lock = key.as_deref().map(|key| app.keys.of(key));
+    let _alone = match &lock {
+        Some(lock) => Some(lock.lock().await),
+        None => None,
     };
-    let lock = app.keys.of(&key);
-    let _alone = lock.lock().await;
-    let place = match app.jobs.store().keyed(&key)? {
-        Some(known) => Place::Known(known),
+    let known = key.as_deref().map(|key| app.jobs.store().keyed(key)).transpose()?.flatten();
+    let place = match known {
+        Some((job, digest)) => Place::Known(job, digest),
+        // A full queue refuses before any work is done.
         None => Place::Reserved(app.jobs.reserve(&client.0)?),
     };
+    let arrival = Arrival { source, client: client.clone(), key, place, cancel, at };
     let shared = Arc::clone(app);
-    let (document, digest) = blocking(app, move || {
-        let document = source.parse(&shared.config.read_limits)?;
-        let digest = digest(&document)?;
-        Ok((document, digest))
-    })
-    .await?;
+    // All in one: what is parsed is never held without the right to be worked on.
+    blocking(app, move || take_in(&shared, arrival)).await
+}
+
+/// Reads a request and makes its job, or finds the one that it has made before.
+fn take_in(app: &Arc<App>, arrival: Arrival) -> Result<(JobRecord, CancelOnDrop), ApiError> {
+    // The source, and with it the room of the body, is held to the end.
+    let Arrival { source, client, key, place, cancel, at } = arrival;
+    let limits = &app.config.read_limits;
+    let document = source.parse(limits)?;
+    let digest = key.as_ref().map(|_| digest(&document)).transpose()?;
+    let guarded = |record: JobRecord, armed| {
+        let guard = CancelOnDrop::new(Arc::clone(app), record.id, armed);
+        (record, guard)
+    };
     let same = |job, known: &str| {
-        if known == digest { Ok(app.jobs.store().record(job)?) } else { Err(ApiError::KeyTaken) }
+        if digest.as_deref() != Some(known) {
+            return Err(ApiError::KeyTaken);
+        }
+        // Somebody else may be waiting for that job.
+        Ok(guarded(app.jobs.store().record(job)?, false))
     };
     let ticket = match place {
-        Place::Known((job, known)) => return same(job, &known),
+        Place::Known(job, known) => return same(job, &known),
         Place::Reserved(ticket) => ticket,
     };
-    let idempotency = Idempotency { key, digest: digest.clone() };
-    match accept_new(app, ticket, Parsed::Yes(document), client, Some(idempotency), arrived).await {
+    let began = Instant::now();
+    let understood = understand(&app.workcells, limits, &document, &client);
+    app.figures.validated(began.elapsed());
+    let Understood { read, request, warm_start } = understood?;
+    let idempotency = key.zip(digest.clone()).map(|(key, digest)| Idempotency { key, digest });
+    let request = JobRequest { idempotency, ..request };
+    let submission = Submission { request, problem: read.problem, warm_start, spent: at.elapsed() };
+    match app.jobs.submit(ticket, submission).map_err(ApiError::from) {
+        Ok(record) => {
+            tracing::info!(job = %record.id, spent_s = at.elapsed().as_secs_f64(), "job accepted");
+            Ok(guarded(record, cancel))
+        }
         // Another process was faster.
         Err(ApiError::KeyHeld(job, known)) => same(job, &known),
-        result => result,
+        Err(error) => Err(error),
     }
-}
-
-/// Where a request under an idempotency key belongs.
-enum Place {
-    /// To this job, made by a request with this digest.
-    Known((JobId, String)),
-    /// Into the queue.
-    Reserved(Ticket),
-}
-
-enum Parsed {
-    Not(Source),
-    Yes(Value),
-}
-
-async fn accept_new(
-    app: &Arc<App>,
-    ticket: Ticket,
-    parsed: Parsed,
-    client: &Client,
-    idempotency: Option<Idempotency>,
-    arrived: Instant,
-) -> Result<JobRecord, ApiError> {
-    let (shared, owner) = (Arc::clone(app), client.clone());
-    let record = blocking(app, move || {
-        let limits = &shared.config.read_limits;
-        let document = match parsed {
-            Parsed::Not(source) => source.parse(limits)?,
-            Parsed::Yes(document) => document,
-        };
-        let began = Instant::now();
-        let understood = understand(&shared.workcells, limits, &document, &owner);
-        shared.figures.validated(began.elapsed());
-        let Understood { read, request, warm_start } = understood?;
-        let request = JobRequest { idempotency, ..request };
-        let submission = Submission { request, problem: read.problem, warm_start, spent: arrived.elapsed() };
-        Ok(shared.jobs.submit(ticket, submission)?)
-    })
-    .await?;
-    tracing::info!(job = %record.id, spent_s = arrived.elapsed().as_secs_f64(), "job accepted");
-    Ok(record)
 }
 
 /// Reads jobs of earlier processes again.
@@ -389,5 +396,76 @@ impl From<StoreError> for ApiError {
                 ApiError::Internal
             }
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::jobs::{JobState, JobsConfig, ListQuery};
+    use crate::planner::{Outcome, PlannerEvent, Termination};
+    use crate::run::Control;
+    use crate::service::{Service, ServiceConfig};
+    use std::time::Duration;
+    use tokio_util::sync::CancellationToken;
+
+    /// Plans nothing until it is told to stop.
+    fn idle(_: &Problem, control: &Control, _: &mut (dyn FnMut(PlannerEvent<'_>) + Send)) -> Outcome {
+        while !control.should_stop() {
+            std::thread::sleep(Duration::from_millis(1));
+        }
+        Outcome { termination: Termination::Cancelled, best: None, diagnosis: None }
+    }
+
+    fn source() -> Source {
+        Source::Document(Bytes::from_static(crate::scenario::find("switch/2x2").unwrap().text.as_bytes()))
+    }
+
+    fn state(app: &App, job: JobId) -> JobState {
+        app.jobs.store().record(job).unwrap().state
+    }
+
+    #[test]
+    fn who_leaves_early_cancels_its_own_job_and_no_other() {
+        // One thread for such work, so that it can be kept waiting.
+        let mut builder = tokio::runtime::Builder::new_current_thread();
+        let runtime = builder.enable_all().max_blocking_threads(1).build().unwrap();
+        runtime.block_on(async {
+            let jobs = JobsConfig { workers: 1, ..JobsConfig::default() };
+            let config = ServiceConfig { jobs, ..ServiceConfig::default() };
+            let app = Service::start(config, Arc::new(idle), CancellationToken::new()).unwrap().app;
+            let client = Client("me".into());
+            for cancel in [true, false] {
+                let (go, wait) = std::sync::mpsc::channel::<()>();
+                let busy = tokio::task::spawn_blocking(move || wait.recv().is_err());
+                let mut accepting = Box::pin(accept(&app, source(), &client, None, cancel));
+                assert!(futures::poll!(&mut accepting).is_pending());
+                // The client leaves while its request is worked on.
+                drop(accepting);
+                drop(go);
+                assert!(busy.await.unwrap());
+                // What is asked for now comes after it.
+                let newest = ListQuery { limit: 1, ..ListQuery::default() };
+                let found = aside(&app, move |app| Ok(app.jobs.store().list(&newest)?)).await.unwrap();
+                let job = found[0].id;
+                if cancel {
+                    while state(&app, job) != JobState::Cancelled {
+                        tokio::time::sleep(Duration::from_millis(1)).await;
+                    }
+                } else {
+                    tokio::time::sleep(Duration::from_millis(50)).await;
+                    assert!(!state(&app, job).is_terminal());
+                }
+            }
+            // The only planner is busy with the job that goes on: this one waits.
+            let accepting = async || accept(&app, source(), &client, Some("key".to_owned()), true).await;
+            let (made, own) = accepting().await.unwrap();
+            let (found, other) = accepting().await.unwrap();
+            assert_eq!(found.id, made.id);
+            drop(other);
+            assert_eq!(state(&app, made.id), JobState::Queued, "it is somebody else's");
+            drop(own);
+            assert_eq!(state(&app, made.id), JobState::Cancelled);
+        });
     }
 }

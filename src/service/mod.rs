@@ -12,6 +12,7 @@ mod figures;
 mod grpc;
 mod intake;
 mod mode_graph;
+mod mode_graphs;
 mod negotiation;
 mod openapi;
 mod routes;
@@ -29,11 +30,11 @@ pub use workcells::{
     ArchiveError, ArchiveLimits, Bundle, BundleError, Files, RegistryError, unpack_tar_gz, unpack_zip,
 };
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeSet;
 use std::net::SocketAddr;
 use std::path::PathBuf;
+use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
 use axum::serve::ListenerExt;
@@ -46,6 +47,7 @@ use self::client::{Client, StreamPermit, Streams};
 use self::door::Door;
 use self::figures::Figures;
 use self::intake::{KeyLocks, Reader};
+use self::mode_graphs::ModeGraphs;
 use self::workcells::Workcells;
 use crate::jobs::{EmbeddedStore, JobState, Jobs, ListQuery, Parts, Planner, StoreError};
 
@@ -53,14 +55,23 @@ use crate::jobs::{EmbeddedStore, JobState, Jobs, ListQuery, Parts, Planner, Stor
 const TIDY: Duration = Duration::from_secs(1);
 /// How often the end of the last reader is looked for at a shutdown.
 const CLOSING_POLL: Duration = Duration::from_millis(2);
+/// How much of the drain time is kept for the end of the process itself: one part in so many, but no more
+/// than [`LONGEST_END`].
+const END_PART: u32 = 10;
+/// Most of the drain time that is kept.
+const LONGEST_END: Duration = Duration::from_millis(500);
+
+/// How long a shutdown waits for others, so that the process has ended within `drain`.
+fn patience(drain: Duration) -> Duration {
+    drain.saturating_sub((drain / END_PART).min(LONGEST_END))
+}
 
 /// What all handlers share.
 pub(crate) struct App {
     config: ServiceConfig,
     jobs: Jobs,
     workcells: Arc<Workcells>,
-    /// Mode graphs of workcells, by digest and extents.
-    mode_graphs: Mutex<BTreeMap<String, Arc<str>>>,
+    mode_graphs: ModeGraphs,
     keys: KeyLocks,
     streams: Arc<Streams>,
     figures: Arc<Figures>,
@@ -161,7 +172,7 @@ impl Service {
         let app = App {
             jobs: Jobs::start(config.jobs, parts).map_err(StartError::Jobs)?,
             workcells,
-            mode_graphs: Mutex::default(),
+            mode_graphs: ModeGraphs::default(),
             keys: KeyLocks::default(),
             streams: Arc::default(),
             figures,
@@ -175,19 +186,20 @@ impl Service {
     }
 
     /// Serves on `listener` until the shutdown is raised; then ends the streams, gives running jobs back
-    /// to the queue, and waits for all that up to `config.drain`.
+    /// to the queue, and waits for all that a little less than `config.drain`.
     ///
     /// # Errors
     /// When the listener fails, or the store does not take any more what is written: what was accepted
     /// until then goes on with the next start.
     pub async fn serve(self, listener: TcpListener) -> std::io::Result<()> {
         let app = self.app;
-        let (drain, shutdown) = (app.config.drain, app.shutdown.clone());
+        let (patience, shutdown) = (patience(app.config.drain), app.shutdown.clone());
         let router = routes::router(Arc::clone(&app));
         let config = &app.config;
         // Behind a proxy that names the clients all connections are its own.
         let own = if config.client_header.is_some() { usize::MAX } else { config.client_connections };
-        let door = Door::new(listener, config.connections, own, Arc::clone(&app.figures));
+        let figures = Arc::clone(&app.figures);
+        let door = Door::new(listener, config.connections, own, figures, shutdown.clone());
         app.ready.store(true, Ordering::Release);
         tokio::spawn(tidy(Arc::clone(&app)));
         let stopping = tokio::spawn(stop_jobs(Arc::clone(&app)));
@@ -197,7 +209,7 @@ impl Service {
                 .into_future();
         tokio::select! {
             result = serving => result?,
-            () = async { shutdown.cancelled().await; tokio::time::sleep(drain).await } => {
+            () = async { shutdown.cancelled().await; tokio::time::sleep(patience).await } => {
                 tracing::warn!("connections are still open at the end of the drain time");
             }
         }
@@ -208,7 +220,7 @@ impl Service {
             tracing::warn!("planner threads are still busy at the end of the drain time");
         }
         // Who serves after us in this process may open the store only when nobody has it any more.
-        while Arc::strong_count(&app) > 1 && told.elapsed() < drain {
+        while Arc::strong_count(&app) > 1 && told.elapsed() < patience {
             tokio::time::sleep(CLOSING_POLL).await;
         }
         failure.map_or(Ok(()), |why| Err(std::io::Error::other(format!("the store failed: {why}"))))
@@ -220,8 +232,8 @@ impl Service {
 async fn stop_jobs(app: Arc<App>) -> (bool, Instant) {
     app.shutdown.cancelled().await;
     let told = Instant::now();
-    let drain = app.config.drain;
-    let stopped = tokio::task::spawn_blocking(move || app.jobs.stop(drain)).await.unwrap_or(false);
+    let patience = patience(app.config.drain);
+    let stopped = tokio::task::spawn_blocking(move || app.jobs.stop(patience)).await.unwrap_or(false);
     tracing::info!(took_s = told.elapsed().as_secs_f64(), "planner threads have stopped");
     (stopped, told)
 }

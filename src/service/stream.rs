@@ -16,7 +16,7 @@ use crate::jobs::{Delivery, JobId, Subscription};
 /// What SSE clients are told to wait before they come back after a shutdown.
 const RETRY: &[u8] = b"retry: 2000\n\n";
 
-/// Cancels its job when it is dropped before the job's events have ended.
+/// Cancels its job when it is dropped before the job's events have ended, wherever it is by then.
 pub struct CancelOnDrop {
     app: Arc<App>,
     job: JobId,

@@ -37,14 +37,15 @@ pub fn parse_bounded(bytes: &[u8], depth: usize) -> Result<Value, Fault> {
         .and_then(|value| deserializer.end().map(|()| value));
     parsed.map_err(|error| {
         let text = error.to_string();
-        let (code, advice) = if text.starts_with("number out of range") {
-            (FaultCode::NotFinite, "give a number that a finite f64 can hold".to_owned())
+        let (code, advice, steps) = if text.starts_with("number out of range") {
+            (FaultCode::NotFinite, "give a number that a finite f64 can hold".to_owned(), usize::MAX)
         } else if text.starts_with("recursion limit exceeded") {
-            (FaultCode::InvalidJson, format!("nest at most {depth} levels deep"))
+            (FaultCode::InvalidJson, format!("nest at most {depth} levels deep"), STEPS_TO_DEPTH)
         } else {
-            (FaultCode::InvalidJson, "mend the JSON text".to_owned())
+            (FaultCode::InvalidJson, "mend the JSON text".to_owned(), usize::MAX)
         };
-        let pointer = path.borrow().iter().fold(String::new(), |pointer, step| child(&pointer, step));
+        let path = path.borrow();
+        let pointer = path.iter().take(steps).fold(String::new(), |pointer, step| child(&pointer, step));
         // A path that deep says nothing.
         let pointer = if pointer.len() > 512 { String::new() } else { pointer };
         Fault { pointer, code, message: format!("{text}; {advice}") }
@@ -75,6 +76,8 @@ struct StrictValue<'p> {
 
 /// Deepest nesting, a level above the limit of serde_json.
 const DEEPEST: usize = 127;
+/// Steps of the pointer to what is nested too deeply: where it begins says more than where it ends.
+const STEPS_TO_DEPTH: usize = 8;
 
 impl StrictValue<'_> {
     /// For the values inside the one at hand.
@@ -191,6 +194,14 @@ mod tests {
     fn refuses_deep_nesting_without_overflow() {
         assert_eq!(code(&"[".repeat(200_000)).1, FaultCode::InvalidJson);
         assert_eq!(code(&"{\"a\":".repeat(200_000)).1, FaultCode::InvalidJson);
+    }
+
+    #[test]
+    fn points_at_where_deep_nesting_begins() {
+        let text = format!("{{\"a\": {}", "[".repeat(100));
+        let fault = parse_bounded(text.as_bytes(), 20).unwrap_err();
+        assert_eq!((fault.pointer.as_str(), fault.code), ("/a/0/0/0/0/0/0/0", FaultCode::InvalidJson));
+        assert!(fault.message.contains("at most 20 levels"), "{}", fault.message);
     }
 
     #[test]

@@ -1,5 +1,5 @@
 //! Everything that reads what comes from outside, fed with good input that was damaged at random: no panic, no
-//! blow-up of memory. Seeded, so that a failure repeats; the short form runs a moment per target, and
+//! blow-up of memory. Seeded, so that a failure repeats; the short form runs ten seconds per target, and
 //! `QUADRILLE_FUZZ_SECONDS` says otherwise.
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -114,7 +114,7 @@ fn mutated_json(seed: &Value, rng: &mut Rng) -> Value {
 
 /// Feeds `target` with damaged `seeds` for as long as is asked.
 fn fuzz(name: &str, seeds: &[Vec<u8>], target: impl Fn(&[u8])) {
-    let usual = if soak() { 600.0 } else { 1.2 };
+    let usual = if soak() { 600.0 } else { 10.0 };
     let asked = std::env::var("QUADRILLE_FUZZ_SECONDS").ok().and_then(|text| text.parse().ok());
     let span = Duration::from_secs_f64(asked.unwrap_or(usual));
     let mut rng = Seed(5).stream(name);

@@ -6,9 +6,11 @@ use futures::StreamExt;
 use quadrille::service::PROBLEM_METADATA;
 use quadrille::service::proto::event::Body;
 use quadrille::service::proto::planning_client::PlanningClient;
+use quadrille::service::proto::put_workcell_request::Content;
 use quadrille::service::proto::{
     CancelJobRequest, CreateJobRequest, GetJobRequest, GetScenarioRequest, GetSolutionRequest, JobState,
-    ListJobsRequest, ListScenariosRequest, PlanRequest, TerminationReason, ValidateRequest, WatchJobRequest,
+    ListJobsRequest, ListScenariosRequest, PlanRequest, PutWorkcellRequest, TerminationReason,
+    ValidateRequest, VerifyRequest, WatchJobRequest,
 };
 use serde_json::Value;
 use tokio::io::AsyncWriteExt;
@@ -16,6 +18,7 @@ use tokio::net::TcpStream;
 use tonic::Code;
 use tonic::transport::Channel;
 use tonic_health::pb::HealthCheckRequest;
+use tonic_health::pb::health_check_response::ServingStatus;
 use tonic_health::pb::health_client::HealthClient;
 use tonic_reflection::pb::v1::ServerReflectionRequest;
 use tonic_reflection::pb::v1::server_reflection_client::ServerReflectionClient;
@@ -192,6 +195,42 @@ async fn messages_are_counted_as_bodies_are() {
     until(async || client.clone().validate(validate(300)).await.ok()).await;
 }
 
+/// A message may hold two documents; each is bounded as a body is.
+#[tokio::test]
+async fn documents_in_messages_are_bounded_one_by_one() {
+    let server = Server::with(|config| config.read_limits.max_bytes = 100_000).await;
+    let mut client = client(&server).await;
+    let large = || " ".repeat(100_001);
+    let (text, small) = (problem("x").to_string(), "{}".to_owned());
+    for (problem_json, plan_json) in [(large(), small), (text, large())] {
+        let status = client.verify(VerifyRequest { problem_json, plan_json }).await.unwrap_err();
+        assert_eq!(refusal(&status)["code"], "too_large");
+    }
+    let archive = large().into_bytes();
+    for content in [Content::WorkcellJson(large()), Content::Zip(archive.clone()), Content::TarGz(archive)] {
+        let request = PutWorkcellRequest { id: "cell".to_owned(), content: Some(content) };
+        let status = client.put_workcell(request).await.unwrap_err();
+        assert_eq!(refusal(&status)["code"], "too_large");
+    }
+}
+
+#[tokio::test]
+async fn health_tells_of_a_shutdown() {
+    let server = Server::start(1, 8).await;
+    let mut health = HealthClient::new(channel(&server).await);
+    let mut watches = Vec::new();
+    for service in ["", "quadrille.v1.Planning"] {
+        let request = HealthCheckRequest { service: service.to_owned() };
+        let mut watch = health.watch(request).await.unwrap().into_inner();
+        assert_eq!(watch.next().await.unwrap().unwrap().status(), ServingStatus::Serving, "{service}");
+        watches.push((service, watch));
+    }
+    server.shutdown.cancel();
+    for (service, mut watch) in watches {
+        assert_eq!(watch.next().await.unwrap().unwrap().status(), ServingStatus::NotServing, "{service}");
+    }
+}
+
 #[tokio::test]
 async fn scenarios_health_and_reflection_answer() {
     let server = Server::start(1, 8).await;
@@ -207,7 +246,7 @@ async fn scenarios_health_and_reflection_answer() {
     let mut health = HealthClient::new(channel(&server).await);
     let service = "quadrille.v1.Planning".to_owned();
     let answer = health.check(HealthCheckRequest { service }).await.unwrap().into_inner();
-    assert_eq!(answer.status(), tonic_health::pb::health_check_response::ServingStatus::Serving);
+    assert_eq!(answer.status(), ServingStatus::Serving);
 
     let mut reflection = ServerReflectionClient::new(channel(&server).await);
     let message_request = Some(MessageRequest::ListServices(String::new()));

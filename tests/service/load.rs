@@ -322,12 +322,14 @@ async fn a_full_service_refuses_and_goes_on() {
     figures.note("streams", streams.to_string());
     figures.note("submissions refused with 429 and Retry-After", format!("all {refused}"));
     figures.mark("submissions", format!("{rate:.0}/s"), "200/s within 5 %", rate > 190.0);
-    let mark = "99 of 100 within 100 ms";
+    // The short form runs beside other tests, which delay an answer now and then.
+    let (mark, judged) =
+        if soak() { ("all within 100 ms", ms(1.0)) } else { ("99 of 100 within 100 ms", ms(0.99)) };
     figures.mark(
         "/livez",
         format!("99 of 100 within {:.1} ms, all within {:.1}", ms(0.99), ms(1.0)),
         mark,
-        ms(0.99) < 100.0,
+        judged < 100.0,
     );
     figures.mark(
         "memory beyond what the job itself grows by",

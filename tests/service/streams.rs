@@ -1,10 +1,12 @@
 //! Streams of events: formats, resuming, signs of life, shutdown.
 
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use futures::StreamExt;
 use quadrille::service::ServiceConfig;
 use serde_json::Value;
+use tokio::io::AsyncWriteExt;
+use tokio::net::TcpStream;
 
 use crate::figures::Figures;
 use crate::process::soak;
@@ -233,4 +235,26 @@ async fn a_shutdown_ends_streams_cleanly_and_refuses_work() {
     assert!(!text.contains("event: terminal"), "the job has not ended, the process does");
     (&mut server.task).await.unwrap().unwrap();
     assert!(server.client.get(server.url("/livez")).send().await.is_err());
+}
+
+/// Half a request keeps no shutdown past its time; half of a first head is not waited for at all.
+#[tokio::test]
+async fn half_a_request_does_not_hold_a_shutdown_up() {
+    let whole = "GET /livez HTTP/1.1\r\nhost: x\r\n\r\n";
+    let head = "GET /livez HTT";
+    let body = "POST /v1/validate HTTP/1.1\r\nhost: x\r\ncontent-type: application/json\r\ncontent-length: 9\r\n\r\n{";
+    let second = format!("{whole}{head}");
+    let drain = Duration::from_secs(5);
+    for (half, limit) in [("", drain / 2), (head, drain / 2), (body, drain), (second.as_str(), drain)] {
+        let mut server = Server::with(|config| config.drain = drain).await;
+        let mut stream = TcpStream::connect(server.address).await.unwrap();
+        stream.write_all(half.as_bytes()).await.unwrap();
+        // Long enough for it to be read.
+        tokio::time::sleep(Duration::from_millis(100)).await;
+        let told = Instant::now();
+        server.shutdown.cancel();
+        (&mut server.task).await.unwrap().unwrap();
+        let took = told.elapsed();
+        assert!(took < limit, "{half}: {took:?}");
+    }
 }

@@ -1,7 +1,8 @@
-//! Meshes of a URDF: where their bytes come from, and their corner points.
+//! Meshes of a URDF: where their hulls come from, and the corner points of a file.
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
+use std::sync::Arc;
 
 use crate::geometry::{ConvexHull, ShapeError, Vec3};
 use crate::kinematics::xml::check_structure;
@@ -9,15 +10,15 @@ use crate::kinematics::xml::check_structure;
 /// Longest accepted mesh file (bytes).
 pub const MAX_MESH_BYTES: usize = 64 << 20;
 
-/// Where the files behind mesh URIs come from: a bundle, a folder, or nowhere.
+/// Where the meshes behind URIs come from: a bundle, a folder, or nowhere.
 ///
 /// Loading never opens a file by itself; what the resolver does not hand out does not exist.
 pub trait MeshResolver {
-    /// The bytes of the file that `uri` (as it stands in the URDF) names.
+    /// The convex hull of the mesh that `uri` (as it stands in the URDF) names, scaled by `scale`.
     ///
     /// # Errors
-    /// [`MeshError::Unresolved`] when there is none; the resolver may use the other variants too.
-    fn resolve(&self, uri: &str) -> Result<Vec<u8>, MeshError>;
+    /// [`MeshError::Unresolved`] when there is none; any other when it cannot be used.
+    fn hull(&self, uri: &str, scale: &Vec3) -> Result<Arc<ConvexHull>, MeshError>;
 }
 
 /// A resolver that knows no mesh at all.
@@ -25,7 +26,7 @@ pub trait MeshResolver {
 pub struct NoMeshes;
 
 impl MeshResolver for NoMeshes {
-    fn resolve(&self, _uri: &str) -> Result<Vec<u8>, MeshError> {
+    fn hull(&self, _uri: &str, _scale: &Vec3) -> Result<Arc<ConvexHull>, MeshError> {
         Err(MeshError::Unresolved)
     }
 }
@@ -40,6 +41,20 @@ pub enum MeshError {
     /// The file is too large.
     #[error("the file is larger than {MAX_MESH_BYTES} bytes")]
     TooLarge,
+    /// The mesh has too many triangles.
+    #[error("the mesh has up to {triangles} triangles, at most {most} are taken; simplify it")]
+    TooManyTriangles {
+        /// How many it has at most.
+        triangles: usize,
+        /// How many it may have.
+        most: usize,
+    },
+    /// Too much has been loaded already.
+    #[error("the document's meshes have more than {most} triangles together; simplify them")]
+    TooManyTogether {
+        /// How many all of them may have.
+        most: usize,
+    },
     /// The file is no STL, OBJ or COLLADA file, or a broken one.
     #[error("the file is no readable STL, OBJ or COLLADA mesh: {0}")]
     Unreadable(String),
@@ -51,12 +66,12 @@ pub enum MeshError {
     NoHull(#[from] ShapeError),
 }
 
-/// The corner points (m) of the mesh in `bytes`, scaled by `scale`. The kind of file (STL, OBJ,
+/// The corner points (m) of the mesh in `bytes`, scaled by `scale`, and its number of triangles. The kind of file (STL, OBJ,
 /// COLLADA) is told by the ending of `uri`, else by the content; nothing but `bytes` is read.
 ///
 /// # Errors
 /// [`MeshError`] when the file is too large or unreadable, or has unusable coordinates.
-pub fn mesh_points(uri: &str, bytes: &[u8], scale: &Vec3) -> Result<Vec<Vec3>, MeshError> {
+pub fn mesh_points(uri: &str, bytes: &[u8], scale: &Vec3) -> Result<(Vec<Vec3>, usize), MeshError> {
     if bytes.len() > MAX_MESH_BYTES {
         return Err(MeshError::TooLarge);
     }
@@ -76,8 +91,10 @@ pub fn mesh_points(uri: &str, bytes: &[u8], scale: &Vec3) -> Result<Vec<Vec3>, M
         Ok(Err(error)) => return Err(MeshError::Unreadable(super::document::cut(&error.to_string()))),
         Err(_) => return Err(MeshError::Unreadable("the reader gave up".to_owned())),
     };
-    let mut points = Vec::new();
+    let (mut points, mut triangles) = (Vec::new(), 0);
     for mesh in &scene.meshes {
+        // Points that belong to no triangle are work as well.
+        triangles += mesh.faces.len().max(mesh.vertices.len() / 3);
         for vertex in &mesh.vertices {
             let point = Vec3::from(vertex.map(f64::from)).component_mul(scale);
             if !point.iter().all(|c| c.abs() <= 1e6) {
@@ -86,7 +103,7 @@ pub fn mesh_points(uri: &str, bytes: &[u8], scale: &Vec3) -> Result<Vec<Vec3>, M
             points.push(point);
         }
     }
-    Ok(points)
+    Ok((points, triangles))
 }
 
 enum MeshFile {
@@ -128,13 +145,6 @@ fn kind_of_file(uri: &str, bytes: &[u8]) -> Result<MeshFile, MeshError> {
     Ok(kind)
 }
 
-/// The convex hull of the mesh behind `uri`.
-pub(super) fn mesh_hull(uri: &str, scale: &Vec3, meshes: &dyn MeshResolver) -> Result<ConvexHull, MeshError> {
-    let bytes = meshes.resolve(uri)?;
-    let points = mesh_points(uri, &bytes, scale)?;
-    Ok(ConvexHull::new(&points)?)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -162,7 +172,8 @@ mod tests {
         let stl = mesh_points("package://p/a.STL", &tetrahedron_stl(), &scale).unwrap();
         let obj =
             mesh_points("a.obj", b"v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 2 3\nf 1 2 4\n", &scale).unwrap();
-        for points in [stl, obj] {
+        assert_eq!([stl.1, obj.1], [4, 2]);
+        for (points, _) in [stl, obj] {
             assert!(points.iter().any(|p| (p - Vec3::new(2.0, 0.0, 0.0)).norm() < 1e-12));
             assert!(points.iter().all(|p| p.sum() <= 2.0));
         }

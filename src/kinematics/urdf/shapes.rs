@@ -1,10 +1,8 @@
 //! Collision shapes of a link: from URDF geometry, with capsules put together again.
 
-use std::sync::Arc;
-
 use super::document::{CollisionElement, GeometryElement, LinkElement, cut};
 use super::error::{UrdfError, UrdfWarning};
-use super::mesh::{MeshResolver, mesh_hull};
+use super::mesh::MeshResolver;
 use crate::geometry::{PlacedShape, Shape, Vec3};
 
 /// How closely (m) two spheres must sit at a cylinder's ends to make a capsule of it.
@@ -28,13 +26,13 @@ pub(super) fn link_shapes(
                 Shape::Capsule { radius: *radius, half_length: length / 2.0 }
             }
             GeometryElement::Mesh { uri, scale } => {
-                let hull = mesh_hull(uri, scale, meshes).map_err(|error| UrdfError::Mesh {
+                let hull = meshes.hull(uri, scale).map_err(|error| UrdfError::Mesh {
                     link: cut(&link.name),
                     uri: cut(uri),
                     error,
                 })?;
                 warnings.push(UrdfWarning::MeshAsHull { link: cut(&link.name), uri: cut(uri) });
-                Shape::Convex(Arc::new(hull))
+                Shape::Convex(hull)
             }
         };
         shapes.push(PlacedShape { shape, pose: *pose });

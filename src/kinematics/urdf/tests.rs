@@ -1,9 +1,10 @@
 use std::collections::BTreeMap;
+use std::sync::Arc;
 
 use proptest::prelude::*;
 
 use super::*;
-use crate::geometry::{Shape, Vec3};
+use crate::geometry::{ConvexHull, Shape, Vec3};
 use crate::kinematics::{library, library_names};
 
 fn load(urdf: &str, mount: &str) -> Result<(ArmModel, Vec<UrdfWarning>), UrdfError> {
@@ -180,12 +181,14 @@ fn two_readers_must_agree() {
 fn a_mesh_counts_as_its_hull_with_a_warning() {
     struct Tetrahedron;
     impl MeshResolver for Tetrahedron {
-        fn resolve(&self, uri: &str) -> Result<Vec<u8>, MeshError> {
-            match uri {
-                "package://p/l.obj" => Ok(b"v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 2 3\nf 1 2 4\n".to_vec()),
-                "package://p/flat.obj" => Ok(b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n".to_vec()),
-                _ => Err(MeshError::Unresolved),
-            }
+        fn hull(&self, uri: &str, scale: &Vec3) -> Result<Arc<ConvexHull>, MeshError> {
+            let text = match uri {
+                "package://p/l.obj" => "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 2 3\nf 1 2 4\n",
+                "package://p/flat.obj" => "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n",
+                _ => return Err(MeshError::Unresolved),
+            };
+            let (points, _) = mesh_points(uri, text.as_bytes(), scale)?;
+            Ok(Arc::new(ConvexHull::new(&points)?))
         }
     }
     let text = |file: &str| {

@@ -13,6 +13,7 @@ use axum::response::Response;
 use tonic::Status;
 use tonic::server::NamedService;
 use tonic::service::Routes;
+use tonic_health::ServingStatus;
 use tonic_health::server::HealthReporter;
 
 use self::planning::PlanningService;
@@ -85,4 +86,6 @@ async fn report_health(health: HealthReporter, app: Arc<App>) {
     health.set_serving::<PlanningServer<PlanningService>>().await;
     app.shutdown.cancelled().await;
     health.set_not_serving::<PlanningServer<PlanningService>>().await;
+    // The service as a whole, which says SERVING from its beginning.
+    health.set_service_status("", ServingStatus::NotServing).await;
 }

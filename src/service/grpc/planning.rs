@@ -107,9 +107,10 @@ impl PlanningService {
         extensions: &Extensions,
         problem: String,
         options: Option<proto::JobOptions>,
-    ) -> Result<JobRecord, ApiError> {
+        cancel: bool,
+    ) -> Result<(JobRecord, CancelOnDrop), ApiError> {
         let (source, key) = source(&Held::known(extensions), problem, options)?;
-        accept(&self.app, source, &Client::known(extensions), key).await
+        accept(&self.app, source, &Client::known(extensions), key, cancel).await
     }
 }
 
@@ -125,15 +126,15 @@ impl Planning for PlanningService {
     async fn plan(&self, request: Request<proto::PlanRequest>) -> Result<Response<EventStream>, Status> {
         let (_, extensions, request) = request.into_parts();
         let permit = self.app.open_stream(&Client::known(&extensions))?;
-        let record = self.accept(&extensions, request.problem_json, request.options).await?;
-        let guard = CancelOnDrop::new(Arc::clone(&self.app), record.id, request.cancel_on_disconnect);
+        let cancel = request.cancel_on_disconnect;
+        let (record, guard) = self.accept(&extensions, request.problem_json, request.options, cancel).await?;
         let subscription = self.app.jobs.subscribe(record.id, 0).map_err(refused)?;
         Ok(Response::new(self.events(subscription, guard, permit)))
     }
 
     async fn create_job(&self, request: Request<proto::CreateJobRequest>) -> Result<Response<Job>, Status> {
         let (_, extensions, request) = request.into_parts();
-        let record = self.accept(&extensions, request.problem_json, request.options).await?;
+        let (record, _) = self.accept(&extensions, request.problem_json, request.options, false).await?;
         Ok(Response::new(self.job(record.id)?))
     }
 

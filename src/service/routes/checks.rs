@@ -93,7 +93,12 @@ pub async fn verdict(app: &Arc<App>, judged: Judged) -> Result<Verdict, ApiError
                 parts(&whole).map_err(ApiError::InvalidProblem)?;
                 (whole["problem"].take(), whole["plan"].take())
             }
-            Judged::Apart { problem, plan } => (parse(&problem, "/problem")?, parse(&plan, "/plan")?),
+            Judged::Apart { problem, plan } => {
+                if problem.len().max(plan.len()) > limits.max_bytes {
+                    return Err(ApiError::TooLarge { limit: limits.max_bytes });
+                }
+                (parse(&problem, "/problem")?, parse(&plan, "/plan")?)
+            }
         };
         let (read, _) = read_referring(&shared.workcells, &problem, "/problem", limits)?;
         let plan = wire::plan::read_plan_value(&plan, &read.problem)

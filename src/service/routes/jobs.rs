@@ -36,7 +36,7 @@ pub(super) async fn create(
     let [] = super::query(&uri, [])?;
     let key = idempotency_key(&headers)?;
     let document = read_json(&app.bodies, &headers, body, app.config.read_limits.max_bytes).await?;
-    let record = accept(&app, Source::Document(document), &client, key).await?;
+    let (record, _) = accept(&app, Source::Document(document), &client, key, false).await?;
     let (record, place) = app.jobs.record(record.id)?;
     let mut response = super::json(&JobDocument::new(&record, place));
     *response.status_mut() = StatusCode::ACCEPTED;

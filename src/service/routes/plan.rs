@@ -18,7 +18,7 @@ use super::super::{ApiError, App};
 use crate::jobs::{JobRecord, Subscription};
 
 /// Creates a job from the problem in the body and streams its events. The job goes on when the
-/// client leaves, unless `?cancel_on_disconnect=true`.
+/// client that made it leaves, unless `?cancel_on_disconnect=true`.
 pub(super) async fn plan(
     State(app): State<Arc<App>>,
     Extension(client): Extension<Client>,
@@ -39,8 +39,7 @@ pub(super) async fn plan(
     let document = read_json(&app.bodies, &headers, body, app.config.read_limits.max_bytes).await?;
     let key = super::jobs::idempotency_key(&headers)?;
     let permit = app.open_stream(&client)?;
-    let record = accept(&app, Source::Document(document), &client, key).await?;
-    let guard = CancelOnDrop::new(Arc::clone(&app), record.id, cancel);
+    let (record, guard) = accept(&app, Source::Document(document), &client, key, cancel).await?;
     let subscription = app.jobs.subscribe(record.id, 0)?;
     Ok(event_reply(app, &record, subscription, format, guard, permit))
 }

@@ -161,7 +161,7 @@ fn job_routes() -> Vec<Route> {
                 "plan",
                 "Makes a job and streams its events. The job goes on when the client leaves.",
                 vec![
-                    query("cancel_on_disconnect", r#"{"type": "boolean", "default": false}"#, "Ends the job when the client leaves."),
+                    query("cancel_on_disconnect", r#"{"type": "boolean", "default": false}"#, "Ends the job when the client leaves that made it."),
                     idempotency(),
                 ],
                 vec![reply(200, "The job's events up to the terminal one; `Location` is the job.", STREAM)],
@@ -298,7 +298,7 @@ fn workcell_routes() -> Vec<Route> {
                 "The mode graph of a registered workcell: who reaches what, who hands over to whom.",
                 vec![workcell_id(), query("size", r#"{"type": "string"}"#, "Extents in metres of the box that it is made for; 0.06,0.06,0.06 by default.")],
                 vec![reply(200, "The graph.", &[(JSON, "ModeGraph")])],
-                &[400, 404, 422, 500, 503],
+                &[400, 404, 422, 429, 500, 503],
             ),
         ),
     ]

@@ -1,6 +1,6 @@
 //! `/v1/workcells`: workcells that are sent once and referred to from then on.
 
-use std::sync::{Arc, PoisonError};
+use std::sync::Arc;
 
 use axum::body::Body;
 use axum::extract::State;
@@ -19,8 +19,6 @@ use crate::geometry::Vec3;
 use crate::wire::{self, Fault, read_workcell_value};
 use crate::workcell::Workcell;
 
-/// Mode graphs that are kept at hand.
-const KEPT_GRAPHS: usize = 16;
 /// Extents (m) of the box that the mode graph is made for unless the client says otherwise.
 const PROBE: &str = "0.06,0.06,0.06";
 
@@ -152,6 +150,10 @@ pub async fn register(
         let message = "ids match [A-Za-z0-9_.-]{1,64}, and are more than dots".to_owned();
         return Err(ApiError::BadParameter { name: "id", message });
     }
+    let limit = app.config.read_limits.max_bytes;
+    if bytes.len() > limit {
+        return Err(ApiError::TooLarge { limit });
+    }
     let shared = Arc::clone(app);
     blocking(app, move || {
         let limits = &shared.config.read_limits;
@@ -195,27 +197,28 @@ pub(super) async fn modes(
 /// The mode graph of a workcell as JSON, for a box of extents `size`, "x,y,z" in metres.
 ///
 /// # Errors
-/// When there is no such workcell, or no room in it for such a box.
+/// When there is no such workcell, no room in it for such a box, or too many wait for graphs already.
 pub async fn mode_graph(app: &Arc<App>, id: &str, size: Option<&str>) -> Result<Arc<str>, ApiError> {
     let extents = extents(size.unwrap_or(PROBE))?;
     let id = id.to_owned();
     let (registered, bundle) = aside(app, move |app| found(app, &id)).await?;
     let key = format!("{} {extents:?}", registered.digest);
-    let kept = app.mode_graphs.lock().unwrap_or_else(PoisonError::into_inner).get(&key).cloned();
-    if let Some(graph) = kept {
+    if let Some(graph) = app.mode_graphs.get(&key) {
         return Ok(graph);
     }
-    let shared = Arc::clone(app);
-    blocking(app, move || {
-        let config = &shared.config;
+    let turn = app.mode_graphs.turn().await?;
+    aside(app, move |app| {
+        // Held by the work itself: a client that leaves does not make room for more.
+        let _turn = turn;
+        // Who had the turn before may have made the same.
+        if let Some(graph) = app.mode_graphs.get(&key) {
+            return Ok(graph);
+        }
+        let config = &app.config;
         let graph = graphs::of_workcell(&bundle, extents, config.mode_graph_budget, &config.read_limits)?;
         let text: Arc<str> = graph.to_string().into();
         if graph["complete"] == json!(true) {
-            let mut kept = shared.mode_graphs.lock().unwrap_or_else(PoisonError::into_inner);
-            while kept.len() >= KEPT_GRAPHS {
-                kept.pop_first();
-            }
-            kept.insert(key, Arc::clone(&text));
+            app.mode_graphs.keep(key, Arc::clone(&text));
         }
         Ok(text)
     })

@@ -1,9 +1,11 @@
 //! What all parts of the reading share: limits, faults, names, contents of references.
 
 use std::collections::BTreeMap;
+use std::rc::Rc;
 use std::sync::Arc;
 
 use super::ReadLimits;
+use super::meshes::Meshes;
 use crate::geometry::{ConvexHull, Vec3};
 use crate::wire::digest::sha256;
 use crate::wire::fault::{FaultCode, Faults};
@@ -29,6 +31,8 @@ pub struct Context<'r> {
     pub resources: &'r dyn Resources,
     /// How large everything may be.
     pub limits: &'r ReadLimits,
+    /// The meshes of the document.
+    pub meshes: Rc<Meshes<'r>>,
     /// What is wrong so far.
     pub faults: Faults,
     /// Digests of the contents of references, by JSON pointer.
@@ -45,6 +49,7 @@ impl<'r> Context<'r> {
         Self {
             resources,
             limits,
+            meshes: Rc::new(Meshes::new(resources, limits)),
             faults: Faults::new(limits.max_faults),
             contents: BTreeMap::new(),
             names: BTreeMap::new(),
@@ -107,15 +112,20 @@ impl<'r> Context<'r> {
                 Some(bytes)
             }
             Err(error) => {
-                let code = match error {
-                    ResourceError::TooLarge(_) => FaultCode::TooLarge,
-                    _ => FaultCode::UnresolvedUri,
-                };
-                let uri = node.value.as_str().unwrap_or_default();
-                node.fault(&mut self.faults, code, format!("`{}`: {error}", shown(uri)));
+                self.unread(node, &error);
                 None
             }
         }
+    }
+
+    /// Notes that what `node` refers to cannot be had.
+    pub fn unread(&mut self, node: &Node<'_>, error: &ResourceError) {
+        let code = match error {
+            ResourceError::TooLarge(_) => FaultCode::TooLarge,
+            _ => FaultCode::UnresolvedUri,
+        };
+        let uri = node.value.as_str().unwrap_or_default();
+        node.fault(&mut self.faults, code, format!("`{}`: {error}", shown(uri)));
     }
 
     /// The convex hull of `points`.

@@ -23,7 +23,8 @@ pub struct ReadLimits {
     pub max_allowed_contacts: usize,
     /// Points of one convex shape, or of one mesh's hull.
     pub max_points: usize,
-    /// Triangles of one mesh file.
+    /// Triangles of one mesh file; all meshes of a document may have
+    /// [four times as many](ReadLimits::max_triangles_together).
     pub max_triangles: usize,
     /// Length of one URDF or SRDF (bytes).
     pub max_urdf_bytes: usize,
@@ -39,6 +40,14 @@ pub struct ReadLimits {
     pub max_threads: u64,
     /// Faults that are listed before the rest is only counted.
     pub max_faults: usize,
+}
+
+impl ReadLimits {
+    /// Triangles of all meshes of one document together. A mesh counts once, however often it is used in
+    /// one scale, and as one triangle for every 256 bytes of its file at least.
+    pub fn max_triangles_together(&self) -> usize {
+        self.max_triangles.saturating_mul(4)
+    }
 }
 
 impl Default for ReadLimits {

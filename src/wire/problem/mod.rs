@@ -6,6 +6,7 @@ mod checks;
 mod context;
 mod draft;
 mod limits;
+mod meshes;
 mod object;
 mod options;
 mod packing;

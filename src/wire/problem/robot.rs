@@ -2,11 +2,12 @@
 
 use std::cell::RefCell;
 use std::collections::{BTreeMap, BTreeSet};
+use std::rc::Rc;
 use std::sync::Arc;
 
-use super::ReadLimits;
 use super::context::Context;
-use super::triangles::announced;
+use super::meshes::{Meshes, code_of};
+use crate::geometry::{ConvexHull, Vec3};
 use crate::kinematics::{
     ArmModel, JointLimits, MeshError, MeshResolver, SrdfError, UrdfError, UrdfWarning, XmlError,
     disabled_group_pairs, library, library_names,
@@ -14,7 +15,7 @@ use crate::kinematics::{
 use crate::wire::digest::sha256;
 use crate::wire::fault::FaultCode;
 use crate::wire::reader::{Fields, Node, Range, shown};
-use crate::wire::resources::{Resources, folder_of, normalise, resolve_uri};
+use crate::wire::resources::{ResourceError, folder_of, normalise, resolve_uri};
 use crate::workcell::contacts::GroupPair;
 
 /// Greatest magnitude of a joint value, velocity or acceleration in an override.
@@ -293,7 +294,7 @@ impl ModelCache {
     }
 
     fn note_again(&mut self, spec: &RobotSpec, mount: &str, mount_pointer: &str, context: &mut Context<'_>) {
-        let meshes = UrdfMeshes::new(context.resources, spec, context.limits);
+        let meshes = UrdfMeshes::new(Rc::clone(&context.meshes), spec);
         let result = ArmModel::from_urdf(&spec.name, &spec.urdf.text, mount, &BTreeMap::new(), &meshes);
         if let Err(error) = result {
             self.note(&error, spec, mount_pointer, &BTreeMap::new(), context);
@@ -309,7 +310,7 @@ impl ModelCache {
         home: &BTreeMap<String, (f64, String)>,
         context: &mut Context<'_>,
     ) -> Option<LoadedModel> {
-        let meshes = UrdfMeshes::new(context.resources, spec, context.limits);
+        let meshes = UrdfMeshes::new(Rc::clone(&context.meshes), spec);
         let mut held = held.clone();
         let mut usable = true;
         let mut left = MAX_UNKNOWN_JOINTS;
@@ -393,12 +394,7 @@ impl ModelCache {
                 context.faults.push(mount_pointer, FaultCode::BadUrdf, message);
             }
             UrdfError::Mesh { error, .. } => {
-                let code = match error {
-                    MeshError::Unresolved => FaultCode::UnresolvedUri,
-                    MeshError::TooLarge => FaultCode::TooLarge,
-                    _ => FaultCode::BadMesh,
-                };
-                self.note_once(&spec.urdf.pointer, code, &message, context);
+                self.note_once(&spec.urdf.pointer, code_of(error), &message, context);
             }
             UrdfError::Xml(XmlError::TooLarge { .. }) => {
                 self.note_once(&spec.urdf.pointer, FaultCode::TooLarge, &message, context);
@@ -420,17 +416,14 @@ fn faulty_joint(error: &UrdfError) -> Option<&str> {
 
 /// Resolves a URDF's mesh URIs within the document's resources, and remembers what they held.
 struct UrdfMeshes<'a> {
-    resources: &'a dyn Resources,
+    meshes: Rc<Meshes<'a>>,
     spec: &'a RobotSpec,
-    max_bytes: usize,
-    max_triangles: usize,
     digests: RefCell<BTreeMap<String, String>>,
 }
 
 impl<'a> UrdfMeshes<'a> {
-    fn new(resources: &'a dyn Resources, spec: &'a RobotSpec, limits: &ReadLimits) -> Self {
-        let (max_bytes, max_triangles) = (limits.max_mesh_bytes, limits.max_triangles);
-        Self { resources, spec, max_bytes, max_triangles, digests: RefCell::default() }
+    fn new(meshes: Rc<Meshes<'a>>, spec: &'a RobotSpec) -> Self {
+        Self { meshes, spec, digests: RefCell::default() }
     }
 
     /// Digest of the URDF and all meshes that it refers to; `None` without meshes.
@@ -448,20 +441,13 @@ impl<'a> UrdfMeshes<'a> {
 }
 
 impl MeshResolver for UrdfMeshes<'_> {
-    fn resolve(&self, uri: &str) -> Result<Vec<u8>, MeshError> {
-        use crate::wire::resources::ResourceError;
+    fn hull(&self, uri: &str, scale: &Vec3) -> Result<Arc<ConvexHull>, MeshError> {
         let path = resolve_uri(uri, &self.spec.folder, &self.spec.packages);
-        let bytes =
-            path.and_then(|path| self.resources.read(&path, self.max_bytes)).map_err(
-                |error| match error {
-                    ResourceError::TooLarge(_) => MeshError::TooLarge,
-                    _ => MeshError::Unresolved,
-                },
-            )?;
-        if announced(&bytes) > self.max_triangles {
-            return Err(MeshError::TooLarge);
-        }
-        self.digests.borrow_mut().insert(uri.to_owned(), sha256(&bytes));
-        Ok(bytes)
+        let mesh = path.and_then(|path| self.meshes.get(&path, scale)).map_err(|error| match error {
+            ResourceError::TooLarge(_) => MeshError::TooLarge,
+            _ => MeshError::Unresolved,
+        })?;
+        self.digests.borrow_mut().insert(uri.to_owned(), mesh.digest);
+        mesh.hull
     }
 }

@@ -1,9 +1,8 @@
 //! Shapes.
 
 use super::context::Context;
-use super::triangles::announced;
+use super::meshes::code_of;
 use crate::geometry::{PlacedShape, Pose, Shape, Vec3};
-use crate::kinematics::mesh_points;
 use crate::wire::fault::FaultCode;
 use crate::wire::reader::{Fields, Node, Range};
 use crate::wire::resources::resolve_uri;
@@ -85,24 +84,21 @@ fn mesh(fields: &mut Fields<'_>, context: &mut Context<'_>) -> Option<Shape> {
         None => Vec3::repeat(1.0),
     };
     let uri = node.string(&mut context.faults)?;
-    let bytes = context.read_file(&node, resolve_uri(uri, "", &[]), context.limits.max_mesh_bytes)?;
-    let triangles = announced(&bytes);
-    if triangles > context.limits.max_triangles {
-        let message = format!(
-            "the mesh has up to {triangles} triangles, at most {} are taken; simplify it",
-            context.limits.max_triangles
-        );
-        node.fault(&mut context.faults, FaultCode::TooLarge, message);
-        return None;
-    }
-    let points = match mesh_points(uri, &bytes, &scale) {
-        Ok(points) => points,
+    let mesh = match resolve_uri(uri, "", &[]).and_then(|path| context.meshes.get(&path, &scale)) {
+        Ok(mesh) => mesh,
         Err(error) => {
-            node.fault(&mut context.faults, FaultCode::BadMesh, error.to_string());
+            context.unread(&node, &error);
             return None;
         }
     };
-    let hull = context.hull(&node, &points, FaultCode::BadMesh)?;
+    context.contents.insert(node.pointer.clone(), mesh.digest);
+    let hull = match mesh.hull {
+        Ok(hull) => hull,
+        Err(error) => {
+            node.fault(&mut context.faults, code_of(&error), error.to_string());
+            return None;
+        }
+    };
     if hull.vertices().len() > context.limits.max_points {
         let message = format!(
             "the mesh's hull has {} corners, at most {} are taken; simplify the mesh",

@@ -3,7 +3,7 @@
 use std::collections::BTreeSet;
 
 use super::*;
-use crate::wire::{Folder, read_problem};
+use crate::wire::{Folder, ResourceError, Resources, read_problem};
 
 /// What is done to a document, and the fault that must come of it.
 struct Case {
@@ -436,6 +436,103 @@ fn meshes_and_files_resolve_inside_the_folder_only() {
     document["objects"][0]["shape"]["uri"] = json!("p/meshes/a.obj");
     document["initial"]["ball"]["pose"]["position"]["z"] = json!(0.1);
     assert_eq!(read(&document).unwrap().problem.objects[0].shapes.len(), 1);
+}
+
+/// Files by name, with a count of how often one is read.
+struct Files {
+    files: Vec<(String, String)>,
+    reads: std::cell::Cell<usize>,
+}
+
+impl Resources for Files {
+    fn read(&self, path: &str, _max_bytes: usize) -> Result<Vec<u8>, ResourceError> {
+        self.reads.set(self.reads.get() + 1);
+        let found = self.files.iter().find(|(name, _)| name == path);
+        found.map(|(_, text)| text.clone().into_bytes()).ok_or(ResourceError::NotFound)
+    }
+}
+
+/// The same tetrahedron as `m0.obj` to `m9.obj`, and a flat mesh.
+fn mesh_files() -> Files {
+    let tetrahedron = "v 0 0 0\nv 0.1 0 0\nv 0 0.1 0\nv 0 0 0.1\nf\t1 2 3\nf 1 2 4\nf 1 3 4\nf 2 3 4\n";
+    let mut files: Vec<_> = (0..10).map(|index| (format!("m{index}.obj"), tetrahedron.to_owned())).collect();
+    files.push(("flat.obj".to_owned(), "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\nf 1 3 2\n".to_owned()));
+    Files { files, reads: std::cell::Cell::new(0) }
+}
+
+/// The small cell with these meshes as further obstacles, far from all.
+fn with_meshes(shapes: impl IntoIterator<Item = Value>) -> Value {
+    let mut document = small();
+    for (index, shape) in shapes.into_iter().enumerate() {
+        let position = json!({ "x": 5.0 + index as f64, "y": 5.0, "z": 0.0 });
+        let obstacle = json!({ "id": format!("m{index}"), "shape": shape, "pose": { "position": position } });
+        document["workcell"]["obstacles"].as_array_mut().unwrap().push(obstacle);
+    }
+    document
+}
+
+fn mesh(uri: &str) -> Value {
+    json!({ "type": "mesh", "uri": uri })
+}
+
+#[test]
+fn a_mesh_that_is_used_often_is_loaded_once() {
+    let limits = ReadLimits { max_triangles: 4, ..ReadLimits::default() };
+    let files = mesh_files();
+    let document = with_meshes((0..40).map(|index| mesh(if index % 2 == 0 { "m0.obj" } else { "./m0.obj" })));
+    let read = read_problem_value(&document, &files, &limits).unwrap();
+    assert_eq!(files.reads.get(), 1);
+    let meshes: Vec<_> =
+        read.problem.workcell.obstacles[1..].iter().map(|body| &body.shapes[0].shape).collect();
+    assert!(meshes.iter().all(|shape| *shape == meshes[0]));
+    assert_eq!(read.warnings.iter().filter(|warning| warning.code == FaultCode::BadMesh).count(), 40);
+    // One that is no good is a fault wherever it stands, and is loaded once as well.
+    let files = mesh_files();
+    let faults =
+        read_problem_value(&with_meshes((0..30).map(|_| mesh("flat.obj"))), &files, &limits).unwrap_err();
+    assert_eq!((files.reads.get(), faults.len()), (1, 30), "{}", lines(&faults));
+    assert!(has(&faults, "/workcell/obstacles/30/shape/uri", FaultCode::BadMesh));
+    // A robot's links share it too.
+    let files = mesh_files();
+    let mut document = with_meshes([mesh("m0.obj")]);
+    let link = "<mesh filename=\"m0.obj\"/>";
+    document["workcell"]["robots"]["small"]["urdf_xml"] = json!(
+        SMALL_URDF
+            .replace("<box size=\"0.1 0.1 0.1\"/>", link)
+            .replace("<box size=\"0.4 0.05 0.05\"/>", link)
+    );
+    read_problem_value(&document, &files, &limits).unwrap();
+    assert_eq!(files.reads.get(), 1);
+}
+
+#[test]
+fn all_meshes_together_are_bounded() {
+    let limits = ReadLimits { max_triangles: 4, ..ReadLimits::default() };
+    assert_eq!(limits.max_triangles_together(), 16);
+    let faults_of = |document: &Value| read_problem_value(document, &mesh_files(), &limits).unwrap_err();
+    let within = with_meshes((0..4).map(|index| mesh(&format!("m{index}.obj"))));
+    read_problem_value(&within, &mesh_files(), &limits).unwrap();
+    let files = with_meshes((0..6).map(|index| mesh(&format!("m{index}.obj"))));
+    // Another scale makes another mesh.
+    let scales = with_meshes((1..7).map(
+        |factor| json!({ "type": "mesh", "uri": "m0.obj", "scale": { "x": factor, "y": 1.0, "z": 1.0 } }),
+    ));
+    for document in [files, scales] {
+        let faults = faults_of(&document);
+        assert_eq!(faults.len(), 2, "{}", lines(&faults));
+        for pointer in ["/workcell/obstacles/5/shape/uri", "/workcell/obstacles/6/shape/uri"] {
+            assert!(has(&faults, pointer, FaultCode::TooLarge), "{}", lines(&faults));
+        }
+    }
+    // Those of a robot count with the others, and one that is too large by itself says so.
+    let mut robot = with_meshes((0..4).map(|index| mesh(&format!("m{index}.obj"))));
+    let urdf = SMALL_URDF.replace("<box size=\"0.1 0.1 0.1\"/>", "<mesh filename=\"m9.obj\"/>");
+    robot["workcell"]["robots"]["small"]["urdf_xml"] = json!(urdf);
+    let faults = faults_of(&robot);
+    assert!(has(&faults, "/workcell/robots/small/urdf_xml", FaultCode::TooLarge), "{}", lines(&faults));
+    let limits = ReadLimits { max_triangles: 3, ..ReadLimits::default() };
+    let faults = read_problem_value(&with_meshes([mesh("m0.obj")]), &mesh_files(), &limits).unwrap_err();
+    assert!(has(&faults, "/workcell/obstacles/1/shape/uri", FaultCode::TooLarge), "{}", lines(&faults));
 }
 
 #[test]
