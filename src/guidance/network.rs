@@ -83,10 +83,12 @@ pub(super) struct Kind {
     pub(super) goals: Vec<u16>,
     /// Fewest edges from each node to the goal for an object that is alone.
     pub(super) to_goal: Vec<u16>,
-    /// The class's edges without those into slots that are no goal, but for two stand-ins among all
+    /// The class's edges without those into slots that are no goal, but for one stand-in among all
     /// slots with the same neighbours.
     pub(super) lean: ClassGraph,
-    /// The stand-ins.
+    /// The same with two stand-ins: for an object that begins on the one the other stands for the rest.
+    pub(super) relaxed: ClassGraph,
+    /// The two.
     pub(super) stands_in: Vec<bool>,
 }
 
@@ -150,8 +152,9 @@ impl Network {
                 let goals: Vec<u16> =
                     (0..count).filter(|&node| is_goal[node]).map(|node| node as u16).collect();
                 let to_goal = distances(&goals, count, |node| graphs[graph].predecessors(node));
-                let (lean, stands_in) = lean_graph(&instance, &graphs[graph], &is_goal);
-                kinds.push(Kind { graph, is_goal, goals, to_goal, lean, stands_in });
+                let (lean, _) = lean_graph(&instance, &graphs[graph], &is_goal, 1);
+                let (relaxed, stands_in) = lean_graph(&instance, &graphs[graph], &is_goal, 2);
+                kinds.push(Kind { graph, is_goal, goals, to_goal, lean, relaxed, stands_in });
                 kinds.len() - 1
             });
             kind_of.push(kind);
@@ -297,9 +300,14 @@ fn class_edges(instance: &Instance, class: usize, closed: &[bool], unit: f64) ->
     graph
 }
 
-/// The edges of a kind that lead to arms, regions, goals, and two slots of each neighbourhood: for an object that
-/// begins on the one the other still stands for the rest.
-fn lean_graph(instance: &Instance, graph: &ClassGraph, is_goal: &[bool]) -> (ClassGraph, Vec<bool>) {
+/// The edges of a kind that lead to arms, regions, goals, and up to `most` slots of each neighbourhood, with those
+/// slots.
+fn lean_graph(
+    instance: &Instance,
+    graph: &ClassGraph,
+    is_goal: &[bool],
+    most: u32,
+) -> (ClassGraph, Vec<bool>) {
     let count = is_goal.len();
     let mut keep = vec![true; count];
     let mut stands_in = vec![false; count];
@@ -308,7 +316,7 @@ fn lean_graph(instance: &Instance, graph: &ClassGraph, is_goal: &[bool]) -> (Cla
         if instance.nodes[node].kind == NodeKind::Slot && !is_goal[node] {
             let alike = seen.entry((graph.predecessors(node), graph.successors(node))).or_default();
             *alike += 1;
-            keep[node] = *alike <= 2;
+            keep[node] = *alike <= most;
             stands_in[node] = keep[node];
         }
     }

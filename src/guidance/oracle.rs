@@ -414,7 +414,7 @@ fn sequential_plans_are_legal_and_move_one_object_at_a_time() {
 fn under_cuts_plans_are_legal_and_nothing_is_claimed() {
     let mut rng = Seed(11).stream("guidance/oracle");
     let (mut avoided, mut cut) = (0, 0);
-    for case in 0..400 {
+    for case in 0..600 {
         let instance = random_instance(&mut rng);
         let Answer::Solved(free, _) = solve_from_start(&instance, &Cuts::none(), &Effort::quick(), case)
         else {

@@ -181,7 +181,7 @@ impl Relaxation {
         let count = network.node_count();
         let horizon = self.horizon;
         let kind = network.kind(object);
-        let graph = &kind.lean;
+        let graph = &kind.relaxed;
         if usize::from(kind.to_goal[start as usize]) > horizon {
             return None;
         }

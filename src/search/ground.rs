@@ -4,7 +4,7 @@
 use std::collections::BTreeMap;
 
 use rand::Rng as _;
-use rand::seq::IndexedRandom;
+use rand::seq::{IndexedRandom, SliceRandom};
 
 use crate::collision::{CollisionWorld, Exemption, Held, Scene};
 use crate::geometry::Pose;
@@ -54,7 +54,12 @@ pub(super) struct Grounding {
     pub(super) chains: Chains,
     /// The nodes at which objects were put down, which may be others than the guide's.
     pub(super) landed: BTreeMap<usize, NodeId>,
+    /// Whether arms touch each other at the end of the step.
+    crowded: bool,
 }
+
+/// Other choices of contacts that are tried for a step in which arms would touch each other at its end.
+const CONTACT_TRIALS: usize = 7;
 
 /// The contacts that a step ends with as far as they are chosen, and what an arm does whose own is
 /// being chosen.
@@ -104,7 +109,8 @@ impl<'a> Grounder<'a> {
         }
     }
 
-    /// Grounds the guide's immediate actions from `vertex` by the chains of `outline`.
+    /// Grounds the guide's immediate actions from `vertex` by the chains of `outline`, where possible so that
+    /// the arms are apart from each other at the end of the step.
     pub(super) fn ground(
         &mut self,
         vertex: &Vertex,
@@ -112,29 +118,16 @@ impl<'a> Grounder<'a> {
         outline: &Outline,
     ) -> Result<Grounding, GroundingFailure> {
         let now: Vec<Config> = vertex.arms.iter().map(|arm| after_departure(arm).clone()).collect();
-        let mut goals: Vec<Option<ArmGoal>> = vec![None; vertex.arms.len()];
-        let mut grounding = Grounding {
-            task: StepTask { arms: Vec::new(), scene: scene(vertex) },
-            actions: Vec::new(),
-            departures: BTreeMap::new(),
-            waits: BTreeMap::new(),
-            objects: vertex.objects.clone(),
-            chains: outline.chains.clone(),
-            landed: BTreeMap::new(),
-        };
-        // Handoffs choose first, and the others choose their contacts apart from them.
-        let is_handoff =
-            |action: &&Move| self.map.arm(action.from).is_some() && self.map.arm(action.to).is_some();
-        let (handoffs, others): (Vec<Move>, Vec<Move>) = guide.immediate.iter().partition(is_handoff);
-        let meetings = self.meetings(&now, &handoffs, outline)?;
-        for action in handoffs.iter().chain(&others) {
-            let chain = outline.chains.get(&action.object).and_then(|chains| chains.first());
-            let chain = chain.ok_or(GroundingFailure::NoChain(*action))?;
-            let near = self.around(vertex, outline, action.object, 1);
-            let meeting = meetings.iter().find(|meeting| meeting.object() == action.object);
-            let meeting = meeting.map(|meeting| &meeting.contact);
-            self.ground_action((vertex, &now), (action, meeting), chain, &near, &mut goals, &mut grounding)
-                .map_err(|by| GroundingFailure::NoContact(*action, by))?;
+        let (mut grounding, mut goals) = self.ground_actions((vertex, &now), guide, outline, false)?;
+        for _ in 0..CONTACT_TRIALS {
+            if !grounding.crowded {
+                break;
+            }
+            if let Ok((other, ends)) = self.ground_actions((vertex, &now), guide, outline, true)
+                && !other.crowded
+            {
+                (grounding, goals) = (other, ends);
+            }
         }
         for action in &guide.heuristic {
             let Some(arm) = self.map.arm(action.arm) else { continue };
@@ -173,6 +166,47 @@ impl<'a> Grounder<'a> {
         Ok(grounding)
     }
 
+    /// Contacts for the guide's immediate actions; `anew` in another order and mostly others than the
+    /// nearest that are known.
+    fn ground_actions(
+        &mut self,
+        (vertex, now): (&Vertex, &[Config]),
+        guide: &Guide,
+        outline: &Outline,
+        anew: bool,
+    ) -> Result<(Grounding, Vec<Option<ArmGoal>>), GroundingFailure> {
+        let mut goals: Vec<Option<ArmGoal>> = vec![None; vertex.arms.len()];
+        let mut grounding = Grounding {
+            task: StepTask { arms: Vec::new(), scene: scene(vertex) },
+            actions: Vec::new(),
+            departures: BTreeMap::new(),
+            waits: BTreeMap::new(),
+            objects: vertex.objects.clone(),
+            chains: outline.chains.clone(),
+            landed: BTreeMap::new(),
+            crowded: false,
+        };
+        // Handoffs choose first, and the others choose their contacts apart from them.
+        let is_handoff =
+            |action: &&Move| self.map.arm(action.from).is_some() && self.map.arm(action.to).is_some();
+        let (handoffs, mut others): (Vec<Move>, Vec<Move>) = guide.immediate.iter().partition(is_handoff);
+        if anew {
+            others.shuffle(&mut self.rng);
+        }
+        let meetings = self.meetings(now, &handoffs, outline)?;
+        for action in handoffs.iter().chain(&others) {
+            let chain = outline.chains.get(&action.object).and_then(|chains| chains.first());
+            let chain = chain.ok_or(GroundingFailure::NoChain(*action))?;
+            let near = self.around(vertex, outline, action.object, 1);
+            let meeting = meetings.iter().find(|meeting| meeting.object() == action.object);
+            let meeting = meeting.map(|meeting| &meeting.contact);
+            let at = (vertex, now);
+            self.ground_action(at, (action, meeting), chain, &near, anew, &mut goals, &mut grounding)
+                .map_err(|by| GroundingFailure::NoContact(*action, by))?;
+        }
+        Ok((grounding, goals))
+    }
+
     /// Where an arm goes that has nothing more to do.
     fn at_leisure(&self, arm: usize) -> ArmGoal {
         match self.problem.options.objective {
@@ -181,12 +215,14 @@ impl<'a> Grounder<'a> {
         }
     }
 
+    #[allow(clippy::too_many_arguments)]
     fn ground_action(
         &mut self,
         (vertex, now): (&Vertex, &[Config]),
         (action, meeting): (&Move, Option<&HandoffContact>),
         chain: &Chain,
         near: &[Neighbour],
+        anew: bool,
         goals: &mut Vec<Option<ArmGoal>>,
         out: &mut Grounding,
     ) -> Result<(), Vec<Neighbour>> {
@@ -201,7 +237,8 @@ impl<'a> Grounder<'a> {
                 };
                 let pick = query(ContactKind::Pick, arm, object, (pose, surface));
                 let ends = Ends { vertex, goals, held: None, exemption: touching };
-                let contact = self.contact(&pick, &hold, &now[arm.0], near, Some(&ends))?;
+                let contact = self.contact(&pick, &hold, &now[arm.0], near, Some((&ends, anew)))?;
+                out.crowded |= !self.is_apart(arm, &contact.q, &ends);
                 goals[arm.0] = Some(ArmGoal::Contact {
                     q: contact.q.clone(),
                     approach: Some(contact.approach.clone()),
@@ -219,7 +256,8 @@ impl<'a> Grounder<'a> {
                 let exemption = Exemption { hand_with: None, held_with: self.carrier(surface) };
                 let held = Some(Held { object, object_in_tcp: hold });
                 let ends = Ends { vertex, goals, held, exemption };
-                let contact = self.contact(&place, &hold, &now[arm.0], near, Some(&ends))?;
+                let contact = self.contact(&place, &hold, &now[arm.0], near, Some((&ends, anew)))?;
+                out.crowded |= !self.is_apart(arm, &contact.q, &ends);
                 goals[arm.0] = Some(ArmGoal::Contact {
                     q: contact.q.clone(),
                     approach: Some(contact.approach.clone()),
@@ -266,16 +304,17 @@ impl<'a> Grounder<'a> {
 
     /// A contact: mostly the nearest of those known, sometimes any, sometimes after sampling more,
     /// and where possible apart from the `ends` of the step that are chosen already; or what is in
-    /// the way of all.
+    /// the way of all. With the ends comes whether others than the nearest are asked for.
     fn contact(
         &mut self,
         asked: &ContactQuery,
         hold: &Pose,
         now: &Config,
         near: &[Neighbour],
-        ends: Option<&Ends<'_>>,
+        ends: Option<(&Ends<'_>, bool)>,
     ) -> Result<Contact, Vec<Neighbour>> {
-        if self.rng.random_bool(self.fresh) {
+        let anew = ends.is_some_and(|(_, anew)| anew);
+        if self.rng.random_bool(if anew { 0.5 } else { self.fresh }) {
             self.contacts.more(asked, hold);
         }
         let scene = scene_of(near);
@@ -286,7 +325,7 @@ impl<'a> Grounder<'a> {
             .filter(|contact| self.contacts.is_clear(asked, contact, &scene))
             .cloned()
             .collect();
-        if let Some(ends) = ends {
+        if let Some((ends, _)) = ends {
             let apart = known.iter().filter(|c| self.is_apart(asked.arm, &c.q, ends)).cloned();
             let apart: Vec<Contact> = apart.collect();
             if !apart.is_empty() {
@@ -297,7 +336,11 @@ impl<'a> Grounder<'a> {
         let nearest = known
             .iter()
             .min_by(|a, b| travel_time(model, now, &a.q).total_cmp(&travel_time(model, now, &b.q)));
-        let chosen = if self.rng.random_bool(0.3) { known.choose(&mut self.rng) } else { nearest };
+        let chosen = if self.rng.random_bool(if anew { 0.8 } else { 0.3 }) {
+            known.choose(&mut self.rng)
+        } else {
+            nearest
+        };
         match chosen {
             Some(contact) => Ok(contact.clone()),
             None => Err(self.planner().blockers(asked, hold, near)),

@@ -47,11 +47,9 @@ impl Map {
         self.graph.arm_of(self.in_graph(node))
     }
 
-    /// Whether `object` can stand at `node` in one place only.
-    pub(super) fn is_exact(&self, object: usize, node: NodeId) -> bool {
-        let mut places = self.placements(object, node).into_iter().map(|(pose, _)| pose.translation);
-        let first = places.next();
-        places.all(|place| Some(place) == first)
+    /// Whether `node` is a region, where objects may stand in many places.
+    pub(super) fn is_region(&self, node: NodeId) -> bool {
+        matches!(self.graph.nodes.get(self.in_graph(node)).map(|n| &n.place), Some(Place::Region(_)))
     }
 
     /// Where `object` may be put down at `node`.

@@ -205,13 +205,12 @@ impl Search<'_> {
         for neighbour in by {
             let kind = CutKind::Blocked { action, by: neighbour.object.0, at: neighbour.node };
             let settings = &self.settings;
-            // Where it may stand in many places it need not be in the way; and once there is a plan there is
+            // Elsewhere in the same region it need not be in the way; and once there is a plan there is
             // time to try again.
-            let is_exact = self.map.is_exact(neighbour.object.0, neighbour.node);
-            let (penalty, lifetime) = match (is_exact, self.best.is_some()) {
-                (false, _) => (MISFIT_PENALTY, settings.cut_lifetime),
-                (true, true) => (BLOCKED_PENALTY, settings.cut_lifetime),
-                (true, false) => (BLOCKED_PENALTY, settings.block_lifetime),
+            let (penalty, lifetime) = match (self.map.is_region(neighbour.node), self.best.is_some()) {
+                (true, _) => (MISFIT_PENALTY, settings.cut_lifetime),
+                (false, true) => (BLOCKED_PENALTY, settings.cut_lifetime),
+                (false, false) => (BLOCKED_PENALTY, settings.block_lifetime),
             };
             self.cuts.add(kind, penalty, lifetime);
             self.version += 1;
@@ -324,8 +323,11 @@ impl Search<'_> {
                 StepFailure::Stopped => {}
             }
         }
+        // Fewer steps than the incumbent's are tried again and again, with other contacts and motions.
+        let settings = &self.settings;
+        let lifetime = if self.wants_fewer_steps() { settings.brief_lifetime } else { settings.cut_lifetime };
         for kind in blamed {
-            self.cuts.add(kind, 1, self.settings.cut_lifetime);
+            self.cuts.add(kind, 1, lifetime);
             self.version += 1;
         }
     }

@@ -26,6 +26,8 @@ pub struct Settings {
     pub patience: u32,
     /// Iterations for which such a cut lasts.
     pub cut_lifetime: u64,
+    /// The same while the incumbent has more steps than the mode graph asks for.
+    pub brief_lifetime: u64,
     /// Iterations for which it is remembered that one object stands in the way of an action on
     /// another.
     pub block_lifetime: u64,
@@ -49,6 +51,7 @@ impl Default for Settings {
             handoff_tries: 250,
             patience: 3,
             cut_lifetime: 60,
+            brief_lifetime: 6,
             block_lifetime: 500,
             surrender: 12,
             greatest_tree: 4000,
