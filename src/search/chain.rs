@@ -49,10 +49,11 @@ pub(super) struct ChainRequest<'a> {
     pub(super) from: &'a Whereabouts,
     /// The arms on the way, first to last; the one that holds it now included.
     pub(super) arms: &'a [ArmId],
-    /// Where it may be put down, in order of preference.
+    /// Where it may be put down; the roomiest are tried first.
     pub(super) targets: &'a [(Pose, SurfaceId)],
-    /// How many of many targets are tried in full, and those that need not be tried.
+    /// How many of the targets are tried in full.
     pub(super) most_tried: usize,
+    /// Targets that need not be tried.
     pub(super) besides: &'a [Pose],
     /// Where each arm is now.
     pub(super) arms_at: &'a [Config],

@@ -23,8 +23,10 @@ const DETOUR_AFTER: u32 = 2;
 /// Places tried for an object that must be able to go on from there.
 const LOOK_AHEAD_TRIES: usize = 6;
 
-/// Places of a region that are tried in full for one chain at first, and when they kept failing.
+/// Places of a region that are tried in full for one chain at first.
 const FEWEST_TARGETS: usize = 4;
+
+/// The same where they kept failing.
 const MOST_TARGETS: usize = 32;
 
 /// Buffer poses tried for one detour.
