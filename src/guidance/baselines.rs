@@ -144,7 +144,7 @@ fn blockers(network: &Network, state: &[u16], object: usize) -> Vec<usize> {
         for (other, &place) in state.iter().enumerate() {
             let blocks = || {
                 let theirs = network.resources.get(place as usize);
-                network.crossing(at, next).any(|resource| theirs.contains(&resource))
+                network.crossing(network.kind_of[object], at, next).any(|resource| theirs.contains(&resource))
             };
             if other != object && (shares(network, next, place) || blocks()) && !found.contains(&other) {
                 found.push(other);
@@ -190,7 +190,7 @@ fn walk(
     }
     let free = |from: usize, to: usize| {
         let entered = network.resources.get(to).iter().copied();
-        let mut drawn = entered.chain(network.crossing(from, to));
+        let mut drawn = entered.chain(network.crossing(network.kind_of[object], from, to));
         drawn.all(|resource| load[resource as usize] < network.capacities[resource as usize])
     };
     let graph = network.graph(object);
@@ -269,7 +269,7 @@ impl Guidance for Greedy {
                 }
                 wishes[step].push(action);
                 let entered = network.resources.get(next).iter().copied();
-                let drawn = entered.chain(network.crossing(at, next));
+                let drawn = entered.chain(network.crossing(network.kind_of[object], at, next));
                 let free = drawn.clone().all(|r| load[r as usize] < network.capacities[r as usize]);
                 if step == 0 && free && !takes_part(network, &immediate, action) {
                     for resource in drawn {

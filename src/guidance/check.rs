@@ -161,7 +161,10 @@ pub fn check(instance: &Instance, solution: &Solution) -> Result<(), Violation> 
             }
         }
         for (clash, data) in instance.clashes.iter().enumerate() {
-            let taken = moves.iter().filter(|action| data.edges.contains(&(action.from, action.to)));
+            let means = |action: &&super::solution::Move| {
+                data.actions.iter().any(|one| one.means(action.object, action.from, action.to))
+            };
+            let taken = moves.iter().filter(means);
             if taken.count() > 1 {
                 return Err(Violation::Clashing { step, clash });
             }

@@ -2,6 +2,7 @@
 //! and a table of refuted states. Decides small instances exactly, where relaxations are too weak.
 
 use super::network::{FAR, Network};
+use crate::run::Control;
 use std::collections::HashMap;
 use std::hash::{BuildHasherDefault, Hasher};
 
@@ -12,7 +13,7 @@ pub(super) enum Verdict {
     Found(Vec<Vec<u16>>),
     /// There is none within the depth (or, without a depth, none at all; so many states are reachable).
     Refuted(usize),
-    /// The limit on states came first.
+    /// The limit on states came first, or the run was told to stop.
     Limit,
 }
 
@@ -29,8 +30,20 @@ pub(super) struct Exhaustive<'a> {
     /// For a packed state, the greatest depth to which it was refuted.
     refuted: HashMap<u128, u16, BuildHasherDefault<Mix>>,
     states_left: usize,
+    /// Partial joint steps that may still be looked at.
+    choices_left: usize,
     way: Vec<Vec<u16>>,
 }
+
+/// Partial joint steps looked at for each state that may be expanded, on average: a state of many objects has
+/// more joint steps than can be listed.
+const CHOICES: usize = 64;
+
+/// The fewest of them that a search may look at.
+const FEWEST_CHOICES: usize = 4_096;
+
+/// Partial joint steps between two looks at whether to stop.
+const LOOK: usize = 1_024;
 
 impl<'a> Exhaustive<'a> {
     /// A search on `network`; `None` if its states do not fit into 128 bits.
@@ -53,16 +66,24 @@ impl<'a> Exhaustive<'a> {
             duty,
             refuted: HashMap::default(),
             states_left: 0,
+            choices_left: 0,
             way: Vec::new(),
         })
     }
 
     /// Looks for a plan of at most `depth` steps, expanding at most `states` states.
-    pub(super) fn within(&mut self, start: &[u16], depth: usize, states: usize) -> Verdict {
+    pub(super) fn within(
+        &mut self,
+        start: &[u16],
+        depth: usize,
+        states: usize,
+        control: &Control,
+    ) -> Verdict {
         self.states_left = states;
+        self.choices_left = (CHOICES * states).max(FEWEST_CHOICES);
         self.way.clear();
         self.way.push(start.to_vec());
-        match self.descend(depth) {
+        match self.descend(depth, control) {
             Some(true) => Verdict::Found(std::mem::take(&mut self.way)),
             Some(false) => Verdict::Refuted(states - self.states_left),
             None => Verdict::Limit,
@@ -71,7 +92,8 @@ impl<'a> Exhaustive<'a> {
 
     /// Looks at every state that can be reached from `start`, at most `states` of them: a plan of the
     /// fewest single moves, one in a step, or the proof that there is none.
-    pub(super) fn all(&mut self, start: &[u16], states: usize) -> Verdict {
+    pub(super) fn all(&mut self, start: &[u16], states: usize, control: &Control) -> Verdict {
+        self.choices_left = usize::MAX;
         let mut seen: HashMap<u128, (), BuildHasherDefault<Mix>> = HashMap::default();
         // The states in the order in which they were reached, each with the one before it.
         let mut reached = vec![(start.to_vec(), 0)];
@@ -86,7 +108,9 @@ impl<'a> Exhaustive<'a> {
             let mut moves = Vec::new();
             // Every joint step can be taken apart into single moves unless arms trade objects, which
             // the rules exclude; so single moves reach all that can be reached.
-            self.successors(&state, FAR as usize - 1, true, &mut moves);
+            if self.successors(&state, FAR as usize - 1, true, &mut moves, control).is_none() {
+                return Verdict::Limit;
+            }
             for next in moves {
                 if self.solved(&next) {
                     let mut way = vec![next];
@@ -130,7 +154,7 @@ impl<'a> Exhaustive<'a> {
     }
 
     /// Whether the last state of the way can be finished in `depth` steps; `None` at the limit.
-    fn descend(&mut self, depth: usize) -> Option<bool> {
+    fn descend(&mut self, depth: usize, control: &Control) -> Option<bool> {
         let state = self.way.last().cloned().unwrap_or_default();
         if self.solved(&state) {
             return Some(true);
@@ -147,12 +171,12 @@ impl<'a> Exhaustive<'a> {
         }
         self.states_left -= 1;
         let mut next = Vec::new();
-        self.successors(&state, depth - 1, false, &mut next);
+        self.successors(&state, depth - 1, false, &mut next, control)?;
         // Making many successors is work, too.
         self.states_left = self.states_left.saturating_sub(next.len() / 8);
         for state in next {
             self.way.push(state);
-            if self.descend(depth - 1)? {
+            if self.descend(depth - 1, control)? {
                 return Some(true);
             }
             self.way.pop();
@@ -182,71 +206,103 @@ impl<'a> Exhaustive<'a> {
     }
 
     /// The states one step on, from which distances leave `left` steps possible; joint steps, or
-    /// single moves only.
-    fn successors(&self, state: &[u16], left: usize, single: bool, found: &mut Vec<Vec<u16>>) {
+    /// single moves only. `None` at the limit.
+    fn successors(
+        &mut self,
+        state: &[u16],
+        left: usize,
+        single: bool,
+        found: &mut Vec<Vec<u16>>,
+        control: &Control,
+    ) -> Option<()> {
+        if control.should_stop() {
+            return None;
+        }
         let mut load = vec![0_u16; self.network.capacities.len()];
         for &node in state {
             for &resource in self.network.resources.get(node as usize) {
                 load[resource as usize] += 1;
             }
         }
-        let mut next = state.to_vec();
-        self.choose(state, 0, left, single, &mut load, &mut next, found);
-    }
-
-    #[allow(clippy::too_many_arguments)]
-    fn choose(
-        &self,
-        state: &[u16],
-        object: usize,
-        left: usize,
-        single: bool,
-        load: &mut [u16],
-        next: &mut Vec<u16>,
-        found: &mut Vec<Vec<u16>>,
-    ) {
-        let Some(&node) = state.get(object) else {
-            if next != state {
-                found.push(next.clone());
-            }
-            return;
+        let mut choice = Choice {
+            network: self.network,
+            state,
+            left,
+            single,
+            load,
+            next: state.to_vec(),
+            found,
+            choices_left: self.choices_left,
+            control,
         };
-        let network = self.network;
+        let listed = choice.go_on(0);
+        self.choices_left = choice.choices_left;
+        listed
+    }
+}
+
+/// The joint steps from one state, chosen object by object.
+struct Choice<'c> {
+    network: &'c Network,
+    state: &'c [u16],
+    left: usize,
+    single: bool,
+    load: Vec<u16>,
+    next: Vec<u16>,
+    found: &'c mut Vec<Vec<u16>>,
+    choices_left: usize,
+    control: &'c Control,
+}
+
+impl Choice<'_> {
+    /// Lists the joint steps by what the objects from number `object` on do; `None` at the limit.
+    fn go_on(&mut self, object: usize) -> Option<()> {
+        let Some(&node) = self.state.get(object) else {
+            if self.next != self.state {
+                self.found.push(self.next.clone());
+            }
+            return Some(());
+        };
+        self.choices_left = self.choices_left.checked_sub(1)?;
+        if self.choices_left.is_multiple_of(LOOK) && self.control.should_stop() {
+            return None;
+        }
+        let (network, left) = (self.network, self.left);
         let far = |node: u16| network.to_goal(object, node as usize) as usize > left;
-        if !(single && next[..object] != state[..object]) {
-            let graph = network.graph(object);
-            // Moves towards the goal first.
-            for nearer in [true, false] {
-                for &to in graph.successors(node as usize) {
-                    let comes_nearer =
-                        network.to_goal(object, to as usize) < network.to_goal(object, node as usize);
-                    if comes_nearer != nearer || far(to) {
-                        continue;
-                    }
-                    let entered = network.resources.get(to as usize).iter().copied();
-                    let resources = entered.chain(network.crossing(node as usize, to as usize));
-                    let full =
-                        |resource: u16| load[resource as usize] >= network.capacities[resource as usize];
-                    if resources.clone().any(full) {
-                        continue;
-                    }
-                    for resource in resources.clone() {
-                        load[resource as usize] += 1;
-                    }
-                    next[object] = to;
-                    self.choose(state, object + 1, left, single, load, next, found);
-                    next[object] = node;
-                    for resource in resources {
-                        load[resource as usize] -= 1;
-                    }
+        if self.single && self.next[..object] != self.state[..object] {
+            return if far(node) { Some(()) } else { self.go_on(object + 1) };
+        }
+        // Moves towards the goal first.
+        for nearer in [true, false] {
+            for &to in network.graph(object).successors(node as usize) {
+                let comes_nearer =
+                    network.to_goal(object, to as usize) < network.to_goal(object, node as usize);
+                if comes_nearer != nearer || far(to) {
+                    continue;
                 }
-                if nearer && !far(node) {
-                    self.choose(state, object + 1, left, single, load, next, found);
+                let entered = network.resources.get(to as usize).iter().copied();
+                let crossed = network.crossing(network.kind_of[object], node as usize, to as usize);
+                let resources = entered.chain(crossed);
+                let full =
+                    |resource: u16| self.load[resource as usize] >= network.capacities[resource as usize];
+                if resources.clone().any(full) {
+                    continue;
+                }
+                for resource in resources.clone() {
+                    self.load[resource as usize] += 1;
+                }
+                self.next[object] = to;
+                self.go_on(object + 1)?;
+                self.next[object] = node;
+                for resource in resources {
+                    self.load[resource as usize] -= 1;
                 }
             }
-        } else if !far(node) {
-            self.choose(state, object + 1, left, single, load, next, found);
+            if nearer && !far(node) {
+                self.go_on(object + 1)?;
+            }
         }
+        Some(())
     }
 }
 

@@ -72,8 +72,33 @@ pub struct Block {
 /// Actions of which one at most can be taken in a step: their arms would touch.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Clash {
-    /// The actions' edges, from where to where.
-    pub edges: Vec<(NodeId, NodeId)>,
+    /// The actions.
+    pub actions: Vec<Clashing>,
+}
+
+/// An action of a [`Clash`].
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub struct Clashing {
+    /// The action's edge.
+    pub from: NodeId,
+    /// The action's edge.
+    pub to: NodeId,
+    /// The only object of which it is meant; `None` for all.
+    pub object: Option<usize>,
+}
+
+impl Clashing {
+    /// Whether it means the action that takes `object` from `from` to `to`.
+    pub fn means(&self, object: usize, from: NodeId, to: NodeId) -> bool {
+        (self.from, self.to) == (from, to) && self.object.is_none_or(|only| only == object)
+    }
+}
+
+impl From<(NodeId, NodeId)> for Clashing {
+    /// The edge, from where to where, whoever takes it.
+    fn from((from, to): (NodeId, NodeId)) -> Self {
+        Self { from, to, object: None }
+    }
 }
 
 /// Where an object must end.
@@ -136,6 +161,14 @@ pub enum InstanceError {
         /// The index.
         node: usize,
         /// How many nodes there are.
+        count: usize,
+    },
+    /// A clash names an object that is not there.
+    #[error("a clash names object {object}, but there are only {count}")]
+    NoSuchObject {
+        /// The index.
+        object: usize,
+        /// How many objects there are.
         count: usize,
     },
     /// An arm with a capacity over 1.
@@ -253,9 +286,12 @@ impl Instance {
                 return Err(InstanceError::BadBlock(index));
             }
         }
-        for (from, to) in self.clashes.iter().flat_map(|clash| &clash.edges) {
-            self.require("a clash", *from)?;
-            self.require("a clash", *to)?;
+        for action in self.clashes.iter().flat_map(|clash| &clash.actions) {
+            self.require("a clash", action.from)?;
+            self.require("a clash", action.to)?;
+            if let Some(object) = action.object.filter(|&object| object >= self.objects.len()) {
+                return Err(InstanceError::NoSuchObject { object, count: self.objects.len() });
+            }
         }
         for object in &self.objects {
             if let Goal::Nodes(nodes) = &object.goal {

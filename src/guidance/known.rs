@@ -278,9 +278,14 @@ fn the_checker_names_each_broken_rule() {
     for (from, to) in [(2, 4), (4, 2)] {
         two_arms.edges.push(Edge { from: NodeId(from), to: NodeId(to), weight: 1.0, class: None });
     }
-    two_arms.clashes.push(Clash { edges: vec![(NodeId(3), NodeId(0)), (NodeId(2), NodeId(4))] });
+    two_arms
+        .clashes
+        .push(Clash { actions: [(3, 0), (2, 4)].map(|(a, b)| (NodeId(a), NodeId(b)).into()).to_vec() });
     assert_eq!(replay(&two_arms, &[&[(0, 3, 0), (1, 2, 4)]]), Err(Violation::Clashing { step: 1, clash: 0 }));
     assert_eq!(replay(&two_arms, &[&[(0, 3, 0)], &[(1, 2, 4)]]), Err(Violation::GoalMissed(0)));
+    // Of another object than the one that is meant the same is allowed.
+    two_arms.clashes[0].actions[1].object = Some(0);
+    assert_eq!(replay(&two_arms, &[&[(0, 3, 0), (1, 2, 4)]]), Err(Violation::GoalMissed(0)));
     let mut wide = instance.clone();
     wide.conflicts.clear();
     assert_eq!(replay(&wide, &[&[(0, 3, 0)], &[(0, 0, 1)]]), Ok(()));
@@ -308,7 +313,9 @@ fn a_clash_at_one_slot_is_none_at_its_twin() {
         let instance = Instance {
             nodes: [vec![arm; 4], vec![slot; 7]].concat(),
             edges: ways.map(edge).to_vec(),
-            clashes: vec![Clash { edges: vec![(NodeId(0), NodeId(twin)), (NodeId(2), NodeId(9))] }],
+            clashes: vec![Clash {
+                actions: [(0, twin), (2, 9)].map(|(a, b)| (NodeId(a), NodeId(b)).into()).to_vec(),
+            }],
             objects: vec![object(4, 7), object(8, 10)],
             ..Instance::default()
         };
@@ -341,9 +348,14 @@ fn malformed_instances_are_refused() {
     for at in [0, 2, 3] {
         assert_eq!(fault(&|i| i.blocks.push(block(at))), Some(InstanceError::BadBlock(0)));
     }
-    let clash = |to| Clash { edges: vec![(NodeId(0), NodeId(1)), (NodeId(0), NodeId(to))] };
+    let clash = |to| Clash { actions: [1, to].map(|to| (NodeId(0), NodeId(to)).into()).to_vec() };
     assert_eq!(fault(&|i| i.clashes.push(clash(2))), None);
     assert!(matches!(fault(&|i| i.clashes.push(clash(9))), Some(InstanceError::NoSuchNode { .. })));
+    let named = |i: &mut Instance| {
+        i.clashes.push(clash(2));
+        i.clashes[0].actions[0].object = Some(2);
+    };
+    assert_eq!(fault(&named), Some(InstanceError::NoSuchObject { object: 2, count: 2 }));
     let one_arm = |capacity| ConflictSet { nodes: vec![NodeId(0)], capacity };
     assert_eq!(fault(&|i| i.conflicts.push(one_arm(1))), None);
     assert_eq!(fault(&|i| i.conflicts.push(one_arm(2))), Some(InstanceError::ArmInConflict(1)));

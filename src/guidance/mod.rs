@@ -42,7 +42,8 @@ pub use cuts::{Cut, CutKind, Cuts};
 pub use from_mode_graph::instance_of;
 pub use guide::{Advice, ArmAction, Guidance, Guide, Smart};
 pub use instance::{
-    Block, Clash, ConflictSet, Edge, Goal, Instance, InstanceError, ModeState, Node, NodeId, NodeKind, Object,
+    Block, Clash, Clashing, ConflictSet, Edge, Goal, Instance, InstanceError, ModeState, Node, NodeId,
+    NodeKind, Object,
 };
 pub use memo::Memo;
 pub use network::Network;

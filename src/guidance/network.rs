@@ -3,7 +3,7 @@
 
 use super::instance::{Goal, Instance, InstanceError, NodeId, NodeKind};
 use super::solution::Move;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::ops::Range;
 
 /// Distance of a node from which there is no path.
@@ -72,7 +72,8 @@ impl ClassGraph {
     }
 }
 
-/// Objects of one kind share class and goal, and are interchangeable.
+/// Objects of one kind share class and goal, and are interchangeable. One that a [`super::Clash`] names is of a
+/// kind of its own.
 #[derive(Debug, Clone)]
 pub(super) struct Kind {
     /// Index into [`Network::graphs`].
@@ -110,8 +111,17 @@ pub struct Network {
     /// Which of them each node draws on, and which nodes draw on each.
     pub(super) resources: Lists,
     pub(super) users: Lists,
-    /// By node, what taking an edge from there draws on in the step: (where to, resource).
-    crossings: Vec<Vec<(u16, u16)>>,
+    /// By node, what taking an edge from there draws on in the step.
+    crossings: Vec<Vec<Crossing>>,
+}
+
+/// What taking an edge draws on.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Crossing {
+    to: u16,
+    resource: u16,
+    /// The only kind that draws on it.
+    kind: Option<u16>,
 }
 
 /// Largest scaled weight of one edge.
@@ -133,16 +143,19 @@ impl Network {
 
         let mut class_graph: BTreeMap<usize, usize> = BTreeMap::new();
         let mut graphs = Vec::new();
-        let mut kind_index: BTreeMap<(usize, &Goal), usize> = BTreeMap::new();
+        let mut kind_index: BTreeMap<(usize, &Goal, Option<usize>), usize> = BTreeMap::new();
         let mut kinds = Vec::new();
         let mut kind_of = Vec::with_capacity(instance.objects.len());
         let closed = closed_nodes(&instance);
-        for object in &instance.objects {
+        let clashing = instance.clashes.iter().flat_map(|clash| &clash.actions);
+        let named: BTreeSet<usize> = clashing.filter_map(|action| action.object).collect();
+        for (index, object) in instance.objects.iter().enumerate() {
             let graph = *class_graph.entry(object.class).or_insert_with(|| {
                 graphs.push(class_edges(&instance, object.class, &closed, weight_unit));
                 graphs.len() - 1
             });
-            let kind = *kind_index.entry((object.class, &object.goal)).or_insert_with(|| {
+            let alone = named.contains(&index).then_some(index);
+            let kind = *kind_index.entry((object.class, &object.goal, alone)).or_insert_with(|| {
                 let is_goal: Vec<bool> = (0..count)
                     .map(|node| match &object.goal {
                         Goal::Nodes(nodes) => nodes.contains(&NodeId(node)),
@@ -159,7 +172,7 @@ impl Network {
             });
             kind_of.push(kind);
         }
-        let Limited { capacities, resources, users, crossings } = limited_resources(&instance);
+        let Limited { capacities, resources, users, crossings } = limited_resources(&instance, &kind_of);
         Ok(Self {
             is_arm,
             arms,
@@ -216,11 +229,13 @@ impl Network {
         !self.crossings[node].is_empty()
     }
 
-    /// The resources beyond those of `to` that taking the edge from `from` to `to` draws on in its
-    /// step.
-    pub(super) fn crossing(&self, from: usize, to: usize) -> impl Iterator<Item = u16> + Clone {
-        let of_edge = move |&&(end, _): &&(u16, u16)| usize::from(end) == to;
-        self.crossings[from].iter().filter(of_edge).map(|&(_, resource)| resource)
+    /// The resources beyond those of `to` that objects of `kind` (`usize::MAX` for one that is not known) draw
+    /// on in the step in which they take the edge from `from` to `to`.
+    pub(super) fn crossing(&self, kind: usize, from: usize, to: usize) -> impl Iterator<Item = u16> + Clone {
+        let means = move |crossing: &&Crossing| {
+            usize::from(crossing.to) == to && crossing.kind.is_none_or(|only| usize::from(only) == kind)
+        };
+        self.crossings[from].iter().filter(means).map(|crossing| crossing.resource)
     }
 
     /// Sum of the scaled weights along a route.
@@ -356,11 +371,11 @@ struct Limited {
     capacities: Vec<u16>,
     resources: Lists,
     users: Lists,
-    crossings: Vec<Vec<(u16, u16)>>,
+    crossings: Vec<Vec<Crossing>>,
 }
 
 /// A node or conflict set limits something only if there are more objects than it holds.
-fn limited_resources(instance: &Instance) -> Limited {
+fn limited_resources(instance: &Instance, kind_of: &[usize]) -> Limited {
     let objects = instance.objects.len();
     let mut capacities = Vec::new();
     let mut of_node: Vec<Vec<u16>> = vec![Vec::new(); instance.nodes.len()];
@@ -393,7 +408,7 @@ fn limited_resources(instance: &Instance) -> Limited {
         let data = &instance.nodes[node.0];
         data.kind == NodeKind::Slot && data.capacity <= 1 && starts(node) <= 1
     };
-    let mut crossings: Vec<Vec<(u16, u16)>> = vec![Vec::new(); instance.nodes.len()];
+    let mut crossings: Vec<Vec<Crossing>> = vec![Vec::new(); instance.nodes.len()];
     let mut blocks: BTreeMap<(NodeId, Option<NodeId>, Option<NodeId>), u16> = BTreeMap::new();
     for block in instance.blocks.iter().filter(|_| objects > 1) {
         let key = match (is_single(block.from), is_single(block.to)) {
@@ -406,7 +421,7 @@ fn limited_resources(instance: &Instance) -> Limited {
             capacities.push(1);
             capacities.len() as u16 - 1
         });
-        let crossing = (block.to.0 as u16, resource);
+        let crossing = Crossing { to: block.to.0 as u16, resource, kind: None };
         if !crossings[block.from.0].contains(&crossing) {
             crossings[block.from.0].push(crossing);
         }
@@ -415,11 +430,18 @@ fn limited_resources(instance: &Instance) -> Limited {
     for clash in instance.clashes.iter().filter(|_| objects > 1) {
         let resource = capacities.len() as u16;
         capacities.push(1);
-        for (from, to) in &clash.edges {
-            let crossing = (to.0 as u16, resource);
-            if !crossings[from.0].contains(&crossing) {
-                crossings[from.0].push(crossing);
+        for action in &clash.actions {
+            let kind = action.object.map(|object| kind_of[object] as u16);
+            let of_edge = |known: &Crossing| (known.to, known.resource) == (action.to.0 as u16, resource);
+            let there = &mut crossings[action.from.0];
+            // An action counts once, though it may be meant in two ways.
+            if there.iter().any(|known| of_edge(known) && (known.kind.is_none() || known.kind == kind)) {
+                continue;
             }
+            if kind.is_none() {
+                there.retain(|known| !of_edge(known));
+            }
+            there.push(Crossing { to: action.to.0 as u16, resource, kind });
         }
     }
     let mut of_resource: Vec<Vec<u16>> = vec![Vec::new(); capacities.len()];

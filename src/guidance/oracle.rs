@@ -69,8 +69,10 @@ fn is_legal(instance: &Instance, before: &ModeState, after: &ModeState) -> bool 
         mine.any(|block| before.contains(&block.at) || after.contains(&block.at))
     });
     let clashes = instance.clashes.iter().any(|clash| {
-        let edges = moved.iter().map(|&object| (before[object], after[object]));
-        edges.filter(|edge| clash.edges.contains(edge)).count() > 1
+        let means = |&&object: &&usize| {
+            clash.actions.iter().any(|one| one.means(object, before[object], after[object]))
+        };
+        moved.iter().filter(means).count() > 1
     });
     !is_blocked
         && !clashes
@@ -175,7 +177,12 @@ pub(super) fn random_instance(rng: &mut Rng) -> Instance {
     for (number, one) in edges.iter().enumerate().filter(|_| clashing) {
         for other in &edges[..number] {
             if rng.random_ratio(1, 8) {
-                clashes.push(Clash { edges: vec![(one.from, one.to), (other.from, other.to)] });
+                let mut meant = |edge: &Edge| {
+                    let named = rng.random_ratio(1, 2);
+                    let object = named.then(|| rng.random_range(0..objects.len()));
+                    Clashing { from: edge.from, to: edge.to, object }
+                };
+                clashes.push(Clash { actions: vec![meant(one), meant(other)] });
             }
         }
     }

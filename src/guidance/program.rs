@@ -49,6 +49,8 @@ const HALF: f64 = 0.5;
 struct Commodity {
     objects: Vec<usize>,
     graph: usize,
+    /// `usize::MAX` where the objects are of several kinds.
+    kind: usize,
     is_goal: Vec<bool>,
     from_start: Vec<u16>,
     to_goal: Vec<u16>,
@@ -117,6 +119,10 @@ fn commodities(network: &Network, start: &[u16], reach: &Reach, merge: Commoditi
         .map(|objects| {
             let mut commodity = Commodity {
                 graph: network.kind(objects[0]).graph,
+                kind: match objects.iter().all(|&o| network.kind_of[o] == network.kind_of[objects[0]]) {
+                    true => network.kind_of[objects[0]],
+                    false => usize::MAX,
+                },
                 is_goal: vec![false; count],
                 from_start: vec![FAR; count],
                 to_goal: vec![FAR; count],
@@ -195,7 +201,9 @@ impl Program {
                         }
                         if to != node {
                             let entered = network.resources.get(to as usize).iter().copied();
-                            for resource in entered.chain(network.crossing(node as usize, to as usize)) {
+                            for resource in
+                                entered.chain(network.crossing(commodity.kind, node as usize, to as usize))
+                            {
                                 draws[step * width + resource as usize].push((column, 1.0));
                                 enters[step * width + resource as usize].push((column, 1.0));
                             }

@@ -168,7 +168,7 @@ impl Relaxation {
                 }
             }
             if before != node && !free(before) && !free(node) {
-                for resource in network.crossing(before as usize, node as usize) {
+                for resource in network.crossing(network.kind_of[object], before as usize, node as usize) {
                     self.surplus[step * self.width + resource as usize] += size;
                 }
             }
@@ -225,7 +225,8 @@ impl Relaxation {
                     if kind.to_goal[next as usize] <= remaining {
                         let mut cost = base + priced(next as usize);
                         if crosses && !free(next) {
-                            let drawn = network.crossing(node as usize, next as usize);
+                            let drawn =
+                                network.crossing(network.kind_of[object], node as usize, next as usize);
                             cost += drawn.map(|resource| prices[resource as usize]).sum::<i64>();
                         }
                         offer(next, cost);

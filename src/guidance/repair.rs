@@ -194,12 +194,12 @@ impl<'a> Repair<'a> {
     }
 
     fn enter(&mut self, object: usize) {
-        self.timetable.add(self.network, &self.routes[object]);
+        self.timetable.add(self.network, self.network.kind_of[object], &self.routes[object]);
         self.tolls.enter(object, &self.routes[object], 1);
     }
 
     fn take_out(&mut self, object: usize) {
-        self.timetable.remove(self.network, &self.routes[object]);
+        self.timetable.remove(self.network, self.network.kind_of[object], &self.routes[object]);
         self.tolls.enter(object, &self.routes[object], u16::MAX);
     }
 
@@ -245,7 +245,13 @@ impl<'a> Repair<'a> {
         let count = self.network.object_count();
         self.chosen.clear();
         for object in 0..count {
-            if Timetable::draws(self.network, &self.routes[object], step, resource) {
+            if Timetable::draws(
+                self.network,
+                self.network.kind_of[object],
+                &self.routes[object],
+                step,
+                resource,
+            ) {
                 self.chosen.push(object);
             }
         }

@@ -131,7 +131,8 @@ impl RouteSearch {
                     }
                     cost += self.entry[next] + jitter(noise, node, next, step);
                     if network.has_crossings(node) {
-                        cost += CONFLICT * timetable.crossing(network, node, next, step);
+                        cost += CONFLICT
+                            * timetable.crossing(network, network.kind_of[object], (node, next), step);
                     }
                     if tolled {
                         cost += TOLL * tolls.of_move(object, node, next, step);
@@ -201,7 +202,7 @@ impl RouteSearch {
             }
             sum += u64::from(graph.weight_to(node, next)) << WEIGHT_SHIFT;
             sum += self.entering(timetable, count, next, step);
-            sum += CONFLICT * timetable.crossing(network, node, next, step);
+            sum += CONFLICT * timetable.crossing(network, network.kind_of[object], (node, next), step);
             if !tolls.is_empty() {
                 sum += TOLL * tolls.of_move(object, node, next, step);
             }

@@ -83,7 +83,7 @@ pub fn single_call(
                     if to != from {
                         cost += (step + 1) as f64 * network.weight_of(object, from, to) * flow;
                         let entered = network.resources.get(to).iter().copied();
-                        for resource in entered.chain(network.crossing(from, to)) {
+                        for resource in entered.chain(network.crossing(network.kind_of[object], from, to)) {
                             draws[step * width + resource as usize] += flow;
                             enters[step * width + resource as usize] += flow;
                         }

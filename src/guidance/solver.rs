@@ -383,7 +383,8 @@ impl<'a> Run<'a> {
     /// is no plan, or for any plan.
     fn exhaust(&mut self, states: usize) -> Option<Infeasible> {
         let (start, states) = (self.start, states.min(self.effort.states));
-        match self.exhaustive()?.all(start, states) {
+        let control = self.control;
+        match self.exhaustive()?.all(start, states, control) {
             Verdict::Refuted(states) => return Some(Infeasible::Exhausted(states)),
             Verdict::Found(states) => self.keep_states(&states),
             Verdict::Limit => {}
@@ -407,11 +408,11 @@ impl<'a> Run<'a> {
     /// Exhaustive search at `horizon`: true if it found a plan or raised the lower bound beyond.
     fn search(&mut self, horizon: usize, states: usize) -> bool {
         let states = states.min(self.states);
-        let start = self.start;
+        let (start, control) = (self.start, self.control);
         let Some(exhaustive) = self.exhaustive().filter(|_| states > 0) else {
             return false;
         };
-        let verdict = exhaustive.within(start, horizon, states);
+        let verdict = exhaustive.within(start, horizon, states, control);
         self.states -= states;
         match verdict {
             Verdict::Found(states) => {

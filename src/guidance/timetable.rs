@@ -63,14 +63,14 @@ impl Timetable {
         self.place.resize(cells, NOWHERE);
     }
 
-    fn visit(&mut self, network: &Network, route: &[u16], sign: u16) {
+    fn visit(&mut self, network: &Network, kind: usize, route: &[u16], sign: u16) {
         for (step, pair) in route.windows(2).enumerate() {
             for &resource in network.resources.get(pair[0] as usize) {
                 self.change(network, step, resource, sign, 0);
             }
             if pair[0] != pair[1] {
                 let entered = network.resources.get(pair[1] as usize).iter().copied();
-                for resource in entered.chain(network.crossing(pair[0] as usize, pair[1] as usize)) {
+                for resource in entered.chain(network.crossing(kind, pair[0] as usize, pair[1] as usize)) {
                     self.change(network, step, resource, sign, sign);
                 }
             }
@@ -131,14 +131,14 @@ impl Timetable {
         }
     }
 
-    /// Enters a route.
-    pub(super) fn add(&mut self, network: &Network, route: &[u16]) {
-        self.visit(network, route, 1);
+    /// Enters a route of an object of `kind`.
+    pub(super) fn add(&mut self, network: &Network, kind: usize, route: &[u16]) {
+        self.visit(network, kind, route, 1);
     }
 
     /// Takes out a route that was entered.
-    pub(super) fn remove(&mut self, network: &Network, route: &[u16]) {
-        self.visit(network, route, u16::MAX);
+    pub(super) fn remove(&mut self, network: &Network, kind: usize, route: &[u16]) {
+        self.visit(network, kind, route, u16::MAX);
     }
 
     fn excess(&self, capacity: u16, cell: usize) -> u16 {
@@ -183,22 +183,28 @@ impl Timetable {
         self.entry[step * self.nodes + node]
     }
 
-    /// Price of taking an edge in `step` beyond that of entering its end.
-    pub(super) fn crossing(&self, network: &Network, from: usize, to: usize, step: usize) -> u64 {
+    /// Price for objects of `kind` of taking an edge in `step` beyond that of entering its end.
+    pub(super) fn crossing(
+        &self,
+        network: &Network,
+        kind: usize,
+        (from, to): (usize, usize),
+        step: usize,
+    ) -> u64 {
         let toll = |resource: u16| {
             let capacity = network.capacities[resource as usize];
             self.tolls(capacity, step * self.width + resource as usize).1
         };
-        network.crossing(from, to).map(toll).sum()
+        network.crossing(kind, from, to).map(toll).sum()
     }
 
-    /// Whether a route draws on `resource` in `step`.
-    pub(super) fn draws(network: &Network, route: &[u16], step: usize, resource: usize) -> bool {
+    /// Whether a route of an object of `kind` draws on `resource` in `step`.
+    pub(super) fn draws(network: &Network, kind: usize, route: &[u16], step: usize, resource: usize) -> bool {
         let resource = resource as u16;
         let (from, to) = (route[step] as usize, route[step + 1] as usize);
         network.resources.get(from).contains(&resource)
             || network.resources.get(to).contains(&resource)
-            || from != to && network.crossing(from, to).any(|drawn| drawn == resource)
+            || from != to && network.crossing(kind, from, to).any(|drawn| drawn == resource)
     }
 }
 

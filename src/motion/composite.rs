@@ -1,5 +1,7 @@
 //! The search over the tensor product of the arms' roadmaps (dRRT: Solovey et al. 2016; with the
-//! informed steering of dRRT*: Shome et al. 2019).
+//! informed steering, rewiring and branch-and-bound of dRRT*: Shome et al. 2019).
+
+use std::collections::BTreeMap;
 
 use rand::Rng as _;
 
@@ -20,6 +22,24 @@ const GREATEST_TREE: usize = 1500;
 
 /// How often the direct connection to the goal is tried: once in so many extensions.
 const CONNECT_EVERY: usize = 8;
+
+/// Extensions after the first path in which a shorter one is looked for: as many as before, at least and at
+/// most so many.
+const FEWEST_MORE: usize = 40;
+const MOST_MORE: usize = 300;
+
+/// In what order arms go along their lines.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Order {
+    Together,
+    Ascending,
+    Descending,
+}
+
+const ORDERS: [Order; 3] = [Order::Together, Order::Ascending, Order::Descending];
+
+/// Composite waypoints.
+type CompositePath = Vec<Vec<Config>>;
 
 /// Plans a step with all arms as one composite robot: leave, travel through the tensor product,
 /// approach.
@@ -48,7 +68,13 @@ pub(super) fn plan(
         .collect();
     let mut search = Composite { world, roadmaps, task, resting: &resting };
     let path = search.grow_tree(&from, &to, control, rng)?;
-    assemble(problem, world, task, &resting, &path)
+    let mut orders = ORDERS.iter().flat_map(|&leave| ORDERS.iter().map(move |&enter| (leave, enter)));
+    orders.find_map(|order| {
+        if control.should_stop() {
+            return None;
+        }
+        assemble(problem, world, task, &resting, &path, order)
+    })
 }
 
 /// A vertex of the composite tree.
@@ -57,6 +83,8 @@ struct Node {
     /// Roadmap vertex by arm, where the arm stands on one.
     at: Vec<Option<usize>>,
     parent: usize,
+    /// Least time (s) from the start, edge by edge, at the joints' greatest speeds.
+    cost: f64,
 }
 
 struct Composite<'a> {
@@ -67,19 +95,24 @@ struct Composite<'a> {
 }
 
 impl Composite<'_> {
-    /// Grows the tree until it meets the goal; composite waypoints.
+    /// Grows the tree until it meets the goal, and on for a while; the shortest path found.
     fn grow_tree(
         &mut self,
         from: &[Config],
         to: &[Option<Config>],
         control: &Control,
         rng: &mut Rng,
-    ) -> Option<Vec<Vec<Config>>> {
+    ) -> Option<CompositePath> {
         let count = from.len();
-        let mut tree = vec![Node { q: from.to_vec(), at: vec![None; count], parent: 0 }];
+        let mut tree = vec![Node { q: from.to_vec(), at: vec![None; count], parent: 0, cost: 0.0 }];
+        // An arm that stands on no vertex has not moved, so that these tell composite vertices apart.
+        let mut known: BTreeMap<Vec<Option<usize>>, usize> = BTreeMap::new();
+        known.insert(vec![None; count], 0);
+        let mut best: Option<(f64, CompositePath)> = None;
+        let mut last = GREATEST_TREE;
         for extension in 0..GREATEST_TREE {
-            if control.should_stop() {
-                return None;
+            if extension >= last || control.should_stop() {
+                break;
             }
             // Towards the goal half of the time, towards anywhere otherwise.
             let greedy = rng.random_bool(0.5);
@@ -98,32 +131,52 @@ impl Composite<'_> {
             let near = (0..tree.len())
                 .min_by(|&a, &b| self.gap(&tree[a].q, &sample).total_cmp(&self.gap(&tree[b].q, &sample)))?;
             let next = self.steer(&tree[near], &sample, rng);
-            if next.q == tree[near].q || !self.edge_free(&tree[near].q, &next.q) {
+            if next.q == tree[near].q {
                 continue;
             }
-            tree.push(Node { parent: near, ..next });
-            let newest = tree.len() - 1;
+            let cost = tree[near].cost + self.time(&tree[near].q, &next.q);
+            let same = known.get(&next.at).copied();
+            let is_vain = same.is_some_and(|same| cost >= tree[same].cost)
+                || best.as_ref().is_some_and(|(least, _)| cost >= *least);
+            if is_vain || !self.edge_free(&tree[near].q, &next.q) {
+                continue;
+            }
+            let newest = match same {
+                Some(same) => {
+                    reconnect(&mut tree, same, near, cost);
+                    same
+                }
+                None => {
+                    known.insert(next.at.clone(), tree.len());
+                    tree.push(Node { parent: near, cost, ..next });
+                    tree.len() - 1
+                }
+            };
             if greedy || extension % CONNECT_EVERY == 0 {
                 let goal: Vec<Config> = (0..count)
                     .map(|arm| to[arm].clone().unwrap_or_else(|| tree[newest].q[arm].clone()))
                     .collect();
                 if let Some(mut tail) = self.connect(&tree[newest].q, &goal, to) {
-                    let mut path = Vec::new();
-                    let mut at = newest;
-                    loop {
-                        path.push(tree[at].q.clone());
-                        if at == 0 {
-                            break;
-                        }
-                        at = tree[at].parent;
-                    }
-                    path.reverse();
+                    let mut path = way_to(&tree, newest);
                     path.append(&mut tail);
-                    return Some(self.shortcut(path, rng));
+                    let cost = path.windows(2).map(|pair| self.time(&pair[0], &pair[1])).sum();
+                    if best.is_none() {
+                        last = extension + 1 + extension.clamp(FEWEST_MORE, MOST_MORE);
+                    }
+                    if best.as_ref().is_none_or(|(least, _)| cost < *least) {
+                        best = Some((cost, path));
+                    }
                 }
             }
         }
-        None
+        best.map(|(_, path)| self.shortcut(path, rng))
+    }
+
+    /// Least time (s) of a composite edge: that of the slowest arm.
+    fn time(&self, from: &[Config], to: &[Config]) -> f64 {
+        let times =
+            from.iter().zip(to).zip(self.roadmaps.iter()).map(|((a, b), roadmap)| roadmap.distance(a, b));
+        times.fold(0.0, f64::max)
     }
 
     fn gap(&self, a: &[Config], b: &[Config]) -> f64 {
@@ -165,7 +218,7 @@ impl Composite<'_> {
                 }
             }
         }
-        Node { q, at, parent: 0 }
+        Node { q, at, parent: 0, cost: 0.0 }
     }
 
     /// Joins `from` to the goal: all arms at once, or one after the other in two orders.
@@ -225,6 +278,30 @@ impl Composite<'_> {
     }
 }
 
+/// The composite waypoints from the root to a node.
+fn way_to(tree: &[Node], node: usize) -> CompositePath {
+    let mut path = vec![tree[node].q.clone()];
+    let mut at = node;
+    while at != 0 {
+        at = tree[at].parent;
+        path.push(tree[at].q.clone());
+    }
+    path.reverse();
+    path
+}
+
+/// Gives `node` another parent by which it costs less, and so all that hangs on it. The parent costs less than
+/// the node and is thus none of its descendants.
+fn reconnect(tree: &mut [Node], node: usize, parent: usize, cost: f64) {
+    let gain = tree[node].cost - cost;
+    tree[node].parent = parent;
+    let mut below = vec![node];
+    while let Some(node) = below.pop() {
+        tree[node].cost -= gain;
+        below.extend((1..tree.len()).filter(|&other| tree[other].parent == node));
+    }
+}
+
 fn cosine(from: &[f64], to: &[f64], sample: &[f64]) -> f64 {
     let (mut dot, mut a, mut b) = (0.0, 0.0, 0.0);
     for ((f, t), s) in from.iter().zip(to).zip(sample) {
@@ -235,13 +312,24 @@ fn cosine(from: &[f64], to: &[f64], sample: &[f64]) -> f64 {
     if a * b > 0.0 { dot / (a * b).sqrt() } else { -1.0 }
 }
 
-/// Times departures, the composite path and approaches one after the other, and certifies them.
+/// The arms in the order in which they go.
+fn in_order(count: usize, order: Order) -> Vec<usize> {
+    let mut arms: Vec<usize> = (0..count).collect();
+    if order == Order::Descending {
+        arms.reverse();
+    }
+    arms
+}
+
+/// Times departures, the composite path and approaches one after the other, and certifies them; departures
+/// in the first order, approaches in the second.
 fn assemble(
     problem: &Problem,
     world: &CollisionWorld,
     task: &StepTask,
     resting: &Resting,
     path: &[Vec<Config>],
+    (leave, enter): (Order, Order),
 ) -> Option<StepMotion> {
     let models = &problem.workcell.arms;
     let count = task.arms.len();
@@ -257,12 +345,16 @@ fn assemble(
         latest
     };
     clock = catch_up(&mut curves, clock);
-    for (i, arm) in task.arms.iter().enumerate() {
+    for i in in_order(count, leave) {
+        let arm = &task.arms[i];
         if let Some(departure) = &arm.departure {
             let line = &departure.line.waypoints;
             let tolerances = vec![0.001; line.len()];
             curves[i].append(&time_path(line, &tolerances, &models[i].limits).ok()?).ok()?;
             windows[i].push(Window { from: 0.0, to: curves[i].end_time(), exemption: departure.exemption });
+            if leave != Order::Together {
+                clock = catch_up(&mut curves, clock);
+            }
         }
     }
     clock = catch_up(&mut curves, clock);
@@ -276,13 +368,17 @@ fn assemble(
         offset += dof;
     }
     catch_up(&mut curves, clock);
-    for (i, arm) in task.arms.iter().enumerate() {
+    for i in in_order(count, enter) {
+        let arm = &task.arms[i];
         if let ArmGoal::Contact { approach: Some(line), exemption, .. } = &arm.goal {
             let start = curves[i].end_time();
             let inwards = line.inwards();
             let tolerances = vec![0.001; inwards.len()];
             curves[i].append(&time_path(&inwards, &tolerances, &models[i].limits).ok()?).ok()?;
             windows[i].push(Window { from: start, to: f64::INFINITY, exemption: *exemption });
+            if enter != Order::Together {
+                catch_up(&mut curves, 0.0);
+            }
         }
     }
     let duration = catch_up(&mut curves, 0.0);

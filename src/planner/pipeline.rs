@@ -198,20 +198,34 @@ impl<'a> Run<'a, '_> {
             self.control,
         );
         self.sign_of_life();
-        if let Some(known) = self.known
+        let mut own = self.known.map(|plan| plan.metrics.cost(self.problem.options.objective));
+        if let (Some(known), Some(cost)) = (self.known, own)
             && let Err(why) = search.resume(known, self.control)
         {
             tracing::info!(%why, "the plan to begin from is a bound alone");
+            search.set_incumbent(cost);
         }
         while !self.should_stop() {
-            if let Some(cost) = self.lock(|board| board.cost) {
+            // What another thread has found goes on here, too.
+            let others = self.lock(|board| match board.cost {
+                Some(cost) if own != Some(cost) => {
+                    own = Some(cost);
+                    board.best.clone().map(|plan| (plan, cost))
+                }
+                _ => None,
+            });
+            if let Some((plan, cost)) = others
+                && let Err(why) = search.resume(&plan, self.control)
+            {
+                tracing::debug!(%why, "the plan of another thread is a bound alone");
                 search.set_incumbent(cost);
             }
             match search.iterate(self.control) {
                 Report::Candidate(candidate) => {
                     let certificate = search.certificate().cloned();
                     if let Some(cost) = self.judge(&candidate, certificate.as_ref()) {
-                        search.set_incumbent(cost);
+                        search.accept(cost);
+                        own = Some(cost);
                     }
                 }
                 Report::Solved(candidate) => {

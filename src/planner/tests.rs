@@ -135,7 +135,7 @@ fn resumed(
     let mut found = Vec::new();
     for _ in 0..iterations {
         if let Report::Candidate(candidate) = search.iterate(&control) {
-            search.set_incumbent(candidate.cost(problem.options.objective));
+            search.accept(candidate.cost(problem.options.objective));
             found.push(candidate);
         }
     }

@@ -92,6 +92,8 @@ pub(super) struct ChainPlanner<'p, 'a> {
     pub(super) rests: &'p Rests,
     pub(super) rng: &'p mut Rng,
     pub(super) handoff_tries: usize,
+    /// Chance of sampling contacts anew.
+    pub(super) fresh: f64,
 }
 
 impl ChainPlanner<'_, '_> {
@@ -103,6 +105,7 @@ impl ChainPlanner<'_, '_> {
         let (start, start_clear) = match request.from {
             Whereabouts::Resting { pose, surface } => {
                 let pick = query(ContactKind::Pick, first, request.object, (*pose, *surface));
+                self.sample(request, &pick);
                 (self.contacts.holds(&pick), self.clear_holds(&pick, request.at_pick))
             }
             Whereabouts::Held { object_in_tcp, .. } => {
@@ -120,6 +123,7 @@ impl ChainPlanner<'_, '_> {
                 break;
             }
             let place = query(ContactKind::Place, last, request.object, (pose, surface));
+            self.sample(request, &place);
             let mut end = self.contacts.holds(&place);
             let mut end_clear = self.clear_holds(&place, request.at_place);
             if let Whereabouts::Held { object_in_tcp, .. } = request.from
@@ -143,6 +147,17 @@ impl ChainPlanner<'_, '_> {
             why = self.blame(request, &start, &end, (pose, surface));
         }
         Err(why)
+    }
+
+    /// Now and then samples more contacts in a hold, be it one in which none is known, where a chain is planned
+    /// anew.
+    fn sample(&mut self, request: &ChainRequest<'_>, asked: &ContactQuery) {
+        if request.anew && self.rng.random_bool(self.fresh) {
+            let holds = self.contacts.possible_holds(asked);
+            if let Some((_, hold)) = holds.choose(self.rng) {
+                self.contacts.more(asked, hold);
+            }
+        }
     }
 
     /// Why nothing fits by clear holds: what stands in the way of holds that fit together.

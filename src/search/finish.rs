@@ -45,7 +45,7 @@ impl Search<'_> {
         if self.best.is_some_and(|best| cost >= best) {
             return Report::Nothing;
         }
-        self.best_way = way;
+        self.offered = way;
         Report::Candidate(candidate)
     }
 

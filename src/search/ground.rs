@@ -54,8 +54,8 @@ pub(super) struct Grounding {
     pub(super) chains: Chains,
     /// The nodes at which objects were put down, which may be others than the guide's.
     pub(super) landed: BTreeMap<usize, NodeId>,
-    /// Whether arms touch each other at the end of the step.
-    crowded: bool,
+    /// Two arms that touch each other at the end of the step.
+    pub(super) crowd: Option<(ArmId, ArmId)>,
 }
 
 /// Other choices of contacts that are tried for a step in which arms would touch each other at its end.
@@ -82,8 +82,10 @@ pub(super) struct Grounder<'a> {
     pub(super) rng: Rng,
     pub(super) handoff_tries: usize,
     pub(super) fresh: f64,
-    /// How often no grasps fitted together for an object along a sequence of arms to a node.
+    /// How often no grasps fitted together for an object along a sequence of arms to a node, and how often
+    /// something was in the way of the leg that was to follow.
     pub(super) barren: BTreeMap<(usize, Vec<ArmId>, NodeId), u32>,
+    pub(super) hindered: BTreeMap<(usize, Vec<ArmId>, NodeId), u32>,
 }
 
 impl<'a> Grounder<'a> {
@@ -106,6 +108,7 @@ impl<'a> Grounder<'a> {
             handoff_tries: settings.handoff_tries,
             fresh: settings.fresh_transitions,
             barren: BTreeMap::new(),
+            hindered: BTreeMap::new(),
         }
     }
 
@@ -120,11 +123,11 @@ impl<'a> Grounder<'a> {
         let now: Vec<Config> = vertex.arms.iter().map(|arm| after_departure(arm).clone()).collect();
         let (mut grounding, mut goals) = self.ground_actions((vertex, &now), guide, outline, false)?;
         for _ in 0..CONTACT_TRIALS {
-            if !grounding.crowded {
+            if grounding.crowd.is_none() {
                 break;
             }
             if let Ok((other, ends)) = self.ground_actions((vertex, &now), guide, outline, true)
-                && !other.crowded
+                && other.crowd.is_none()
             {
                 (grounding, goals) = (other, ends);
             }
@@ -184,12 +187,11 @@ impl<'a> Grounder<'a> {
             objects: vertex.objects.clone(),
             chains: outline.chains.clone(),
             landed: BTreeMap::new(),
-            crowded: false,
+            crowd: None,
         };
         // Handoffs choose first, and the others choose their contacts apart from them.
-        let is_handoff =
-            |action: &&Move| self.map.arm(action.from).is_some() && self.map.arm(action.to).is_some();
-        let (handoffs, mut others): (Vec<Move>, Vec<Move>) = guide.immediate.iter().partition(is_handoff);
+        let (handoffs, mut others): (Vec<Move>, Vec<Move>) =
+            guide.immediate.iter().partition(|action| self.map.is_handoff(action));
         if anew {
             others.shuffle(&mut self.rng);
         }
@@ -238,7 +240,8 @@ impl<'a> Grounder<'a> {
                 let pick = query(ContactKind::Pick, arm, object, (pose, surface));
                 let ends = Ends { vertex, goals, held: None, exemption: touching };
                 let contact = self.contact(&pick, &hold, &now[arm.0], near, Some((&ends, anew)))?;
-                out.crowded |= !self.is_apart(arm, &contact.q, &ends);
+                out.crowd =
+                    out.crowd.or_else(|| self.touched(arm, &contact.q, &ends).map(|other| (other, arm)));
                 goals[arm.0] = Some(ArmGoal::Contact {
                     q: contact.q.clone(),
                     approach: Some(contact.approach.clone()),
@@ -257,7 +260,8 @@ impl<'a> Grounder<'a> {
                 let held = Some(Held { object, object_in_tcp: hold });
                 let ends = Ends { vertex, goals, held, exemption };
                 let contact = self.contact(&place, &hold, &now[arm.0], near, Some((&ends, anew)))?;
-                out.crowded |= !self.is_apart(arm, &contact.q, &ends);
+                out.crowd =
+                    out.crowd.or_else(|| self.touched(arm, &contact.q, &ends).map(|other| (other, arm)));
                 goals[arm.0] = Some(ArmGoal::Contact {
                     q: contact.q.clone(),
                     approach: Some(contact.approach.clone()),
@@ -326,7 +330,7 @@ impl<'a> Grounder<'a> {
             .cloned()
             .collect();
         if let Some((ends, _)) = ends {
-            let apart = known.iter().filter(|c| self.is_apart(asked.arm, &c.q, ends)).cloned();
+            let apart = known.iter().filter(|c| self.touched(asked.arm, &c.q, ends).is_none()).cloned();
             let apart: Vec<Contact> = apart.collect();
             if !apart.is_empty() {
                 known = apart;
@@ -396,16 +400,18 @@ impl<'a> Grounder<'a> {
         found[..nearest].choose(&mut self.rng).cloned()
     }
 
-    /// Whether `arm` at its contact is apart from the other arms that have one in this step.
-    fn is_apart(&self, arm: ArmId, q: &Config, ends: &Ends<'_>) -> bool {
-        ends.goals.iter().enumerate().all(|(other, goal)| {
-            let Some(ArmGoal::Contact { q: at, exemption, .. }) = goal else { return true };
+    /// The first of the other arms that have a contact in this step which `arm` at its own touches there.
+    fn touched(&self, arm: ArmId, q: &Config, ends: &Ends<'_>) -> Option<ArmId> {
+        let touches = |(other, goal): (usize, &Option<ArmGoal>)| {
+            let Some(ArmGoal::Contact { q: at, exemption, .. }) = goal else { return None };
             let held = held_by(ends.vertex, ArmId(other));
-            self.world.arms_apart(
+            let apart = self.world.arms_apart(
                 (arm, q, ends.held.as_ref(), ends.exemption),
                 (ArmId(other), at, held.as_ref(), *exemption),
-            )
-        })
+            );
+            (!apart).then_some(ArmId(other))
+        };
+        ends.goals.iter().enumerate().find_map(touches)
     }
 
     /// Where an arm positions itself for a later action of its own.

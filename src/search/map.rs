@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use crate::geometry::Pose;
-use crate::guidance::{InstanceError, Network, NodeId, instance_of};
+use crate::guidance::{InstanceError, Move, Network, NodeId, instance_of};
 use crate::mode_graph::{ModeGraph, Place};
 use crate::problem::Problem;
 use crate::workcell::{ArmId, ObjectId, SurfaceId};
@@ -45,6 +45,16 @@ impl Map {
     /// The arm that `node` stands for, if it does.
     pub(super) fn arm(&self, node: NodeId) -> Option<ArmId> {
         self.graph.arm_of(self.in_graph(node))
+    }
+
+    /// Whether two nodes stand for the same node of the graph.
+    pub(super) fn is_same(&self, one: NodeId, other: NodeId) -> bool {
+        self.in_graph(one) == self.in_graph(other)
+    }
+
+    /// Whether `action` hands an object from arm to arm.
+    pub(super) fn is_handoff(&self, action: &Move) -> bool {
+        self.arm(action.from).is_some() && self.arm(action.to).is_some()
     }
 
     /// Whether `node` is a region, where objects may stand in many places.

@@ -7,10 +7,16 @@
 //! their arms, `retrace` reads a plan off the tree.
 //!
 //! Probabilistic completeness rests on: [`Settings::goal_bias`] below 1 (every tau keeps a chance
-//! of being selected), [`Settings::wander`] above 0 (actions other than the guided ones are
-//! tried), transitions that keep being sampled ([`Settings::fresh_transitions`] above 0) and
-//! roadmaps that keep growing ([`Settings::growth`] above 0, with the PRM* degree). Asymptotic
-//! optimality in arc length rests on the same, and on pruning by the incumbent's cost alone.
+//! of being selected), [`Settings::wander`] and [`Settings::stuck_wander`] above 0 (actions other than the
+//! guided ones are tried, whatever they cost), transitions that keep being sampled, in holds in which none is
+//! known too ([`Settings::fresh_transitions`] above 0), and roadmaps that keep growing ([`Settings::growth`]
+//! above 0, with the PRM* degree), on which the composite search is complete. Asymptotic optimality in arc
+//! length rests on the same, and on pruning by the incumbent's cost alone.
+//!
+//! Both are meant for the problem as the mode graph of the run knows it: its edges and the places of its
+//! regions were sampled once, and rules learnt from many failures (`clashes.rs`) stand for the run. A step's
+//! motion is planned as a whole, so that a tau has few vertices and no tree of its own; and a step ends when
+//! all its actions do.
 
 mod candidate;
 mod chain;

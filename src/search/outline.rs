@@ -20,8 +20,14 @@ use super::tree::{Vertex, Whereabouts};
 /// Failures of grasps to fit together after which detours are tried.
 const DETOUR_AFTER: u32 = 2;
 
-/// Places tried for an object that must be able to go on from there.
+/// Places tried at first for an object that must be able to go on from there.
 const LOOK_AHEAD_TRIES: usize = 6;
+
+/// Doublings of that number where something kept being in the way.
+const MOST_DOUBLINGS: u32 = 3;
+
+/// Chance that contacts and handoffs are sampled although some are known, where no grasps fitted together.
+const ANEW: f64 = 0.3;
 
 /// Places of a region that are tried in full for one chain at first.
 const FEWEST_TARGETS: usize = 4;
@@ -126,7 +132,14 @@ impl<'a> Grounder<'a> {
         let last = *leg.arms.last().ok_or(Misfit::Between)?;
         let key = (object, leg.arms.clone(), leg.end);
         let failures = self.barren.get(&key).copied().unwrap_or(0);
-        let targets = self.map.placements(object, leg.end);
+        let hindrances = self.hindered.get(&key).copied().unwrap_or(0).min(MOST_DOUBLINGS);
+        let tries = LOOK_AHEAD_TRIES << hindrances;
+        let mut targets = self.map.placements(object, leg.end);
+        if hindrances > 0 && self.rng.random_bool(0.5) {
+            // The roomiest places have been tried.
+            targets.shuffle(&mut self.rng);
+            targets.truncate(tries);
+        }
         let onward = next.filter(|_| targets.len() > 1);
         let at_next =
             onward.map_or_else(Vec::new, |next| self.around(vertex, outline, object, next.begins()));
@@ -143,11 +156,11 @@ impl<'a> Grounder<'a> {
             at_next: &at_next,
             node: leg.end,
             wanted: leg.end,
-            anew: renew,
+            anew: renew || failures > 0 && self.rng.random_bool(ANEW),
         };
         let mut why = Misfit::Between;
         let (mut besides, mut hindered) = (Vec::new(), None);
-        for _ in 0..onward.map_or(1, |_| LOOK_AHEAD_TRIES) {
+        for _ in 0..onward.map_or(1, |_| tries) {
             match self.planner().plan(&ChainRequest { besides: &besides, ..request }) {
                 Ok(chain) => match onward.map(|next| self.leads_to(vertex, outline, &chain, next, now)) {
                     None | Some(Ok(())) => return Ok(chain),
@@ -168,6 +181,7 @@ impl<'a> Grounder<'a> {
         }
         // Not this leg is at fault when something is only in the way of the next.
         if let Some(chain) = hindered {
+            *self.hindered.entry(key).or_default() += 1;
             return Ok(chain);
         }
         if !matches!(why, Misfit::Blocked { .. }) {
@@ -203,6 +217,7 @@ impl<'a> Grounder<'a> {
             rests: &self.rests,
             rng: &mut self.rng,
             handoff_tries: self.handoff_tries,
+            fresh: self.fresh,
         }
     }
 

@@ -12,13 +12,14 @@ use rand::seq::IndexedRandom;
 use crate::collision::Exemption;
 use crate::motion::{ArmGoal, Departure, StepMotion, StepTask};
 use crate::plan::ActionKind;
+use crate::problem::Objective;
 use crate::run::Control;
 use crate::workcell::ArmId;
 
 use super::smart::Search;
 use super::tree::{ArmState, CostsAfter, Step};
 
-/// Least gain (s) for which a window is replaced.
+/// Least gain (s, or rad and m) for which a window is replaced.
 const LEAST_GAIN: f64 = 1e-6;
 
 /// A changed state between two steps.
@@ -52,6 +53,14 @@ impl Search<'_> {
         self.refine_two(number, control)
     }
 
+    /// What a step counts by the problem's objective: its duration (s), or the length of all arms' joint paths.
+    fn price(&self, motion: &StepMotion) -> f64 {
+        match self.problem.options.objective {
+            Objective::ArcLength => motion.arms.iter().map(|arm| arm.curve.arc_length()).sum(),
+            Objective::Duration | Objective::Steps => motion.duration,
+        }
+    }
+
     fn step(&self, number: usize) -> Option<Arc<Step>> {
         self.best_way.get(number).and_then(|&vertex| self.tree[vertex].step.clone())
     }
@@ -61,7 +70,7 @@ impl Search<'_> {
         let mut task = old.task.clone();
         pin(&mut task, &old.motion, None);
         let motion = self.planner.plan(&task, false, control).ok()?;
-        if motion.duration + LEAST_GAIN > old.motion.duration {
+        if self.price(&motion) + LEAST_GAIN > self.price(&old.motion) {
             return None;
         }
         let arms = self.tree[*self.best_way.get(number)?].arms.clone();
@@ -74,11 +83,11 @@ impl Search<'_> {
         let between = self.vary(number, &first, &second)?;
         let [mut task, mut next] = between.tasks;
         let mut arms = between.arms;
-        let old = first.motion.duration + second.motion.duration;
+        let old = self.price(&first.motion) + self.price(&second.motion);
         pin(&mut task, &first.motion, between.waits);
         pin(&mut next, &second.motion, None);
         let motion = self.planner.plan(&task, false, control).ok()?;
-        if motion.duration + LEAST_GAIN > old {
+        if self.price(&motion) + LEAST_GAIN > old {
             return None;
         }
         if let Some(ArmId(arm)) = between.waits {
@@ -87,7 +96,7 @@ impl Search<'_> {
             arms[arm].q = end;
         }
         let after = self.planner.plan(&next, false, control).ok()?;
-        if motion.duration + after.duration + LEAST_GAIN > old {
+        if self.price(&motion) + self.price(&after) + LEAST_GAIN > old {
             return None;
         }
         let later = self.tree[*self.best_way.get(number + 1)?].arms.clone();

@@ -198,6 +198,7 @@ impl Search<'_> {
             arc,
             depth: number,
             guide: None,
+            fewest: None,
             guided_at: 0,
             penalty: 0.0,
             chains: BTreeMap::new(),

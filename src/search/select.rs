@@ -25,7 +25,7 @@ const REVISIONS: usize = 6;
 /// Vertices whose guides are asked for again in one selection.
 const MOST_ASKED: usize = 4;
 
-/// Objects up to which another first action is looked at with a new plan for all that follows.
+/// Objects up to which another first action is often looked at with a new plan for all that follows.
 const MOST_REPLANNED: usize = 16;
 
 /// Steps that a plan may take rather than do what another object blocks, or rather than rely on
@@ -58,7 +58,7 @@ impl Search<'_> {
                 vertex.expansions == 0 || vertex.failures == vertex.expansions && vertex.failures < 3;
             match (best.is_some(), short) {
                 (false, _) => vertex.failures < self.settings.surrender,
-                (true, true) => vertex.remaining().is_some_and(|left| vertex.depth + left < most),
+                (true, true) => vertex.fewest.is_none_or(|left| vertex.depth + left < most),
                 (true, false) => unspoilt && i != 0,
             }
         };
@@ -71,19 +71,20 @@ impl Search<'_> {
             self.prospect(a).total_cmp(&self.prospect(b)).then(a.cmp(&b))
         }) {
             let chosen = driven[position];
+            let promises =
+                |vertex: &Vertex| vertex.remaining().is_some_and(|left| vertex.depth + left < most);
+            if short && self.tree[chosen].guided_at == self.version && !promises(&self.tree[chosen]) {
+                driven.swap_remove(position);
+                continue;
+            }
             if self.tree[chosen].guided_at == self.version || asked == MOST_ASKED || control.should_stop() {
                 return Some(chosen);
             }
             let before = self.prospect(chosen);
             self.guide(chosen, control);
             asked += 1;
-            if self.prospect(chosen) <= before {
+            if self.prospect(chosen) <= before && (!short || promises(&self.tree[chosen])) {
                 return Some(chosen);
-            }
-            if short
-                && self.tree[chosen].remaining().is_none_or(|left| self.tree[chosen].depth + left >= most)
-            {
-                driven.swap_remove(position);
             }
         }
         let on_way: Vec<usize> = self.best_way.iter().copied().filter(|&i| candidates.contains(&i)).collect();
@@ -114,8 +115,10 @@ impl Search<'_> {
         match self.guidance.guide(&self.network, &mode, &self.cuts, &mut self.memo, control) {
             Ok(Advice::Go(guide)) => {
                 let penalty = self.cuts.penalty(&mode, &guide.solution.steps);
-                self.tree[tau].penalty = penalty as f64;
-                self.tree[tau].guide = Some(guide);
+                let vertex = &mut self.tree[tau];
+                vertex.penalty = penalty as f64;
+                vertex.fewest = guide.remaining_steps.map(|left| left.min(vertex.fewest.unwrap_or(left)));
+                vertex.guide = Some(guide);
             }
             Ok(Advice::Infeasible(reason)) => {
                 self.cause = Some(format!("on the mode graph there is no way to the goals: {reason:?}"));
@@ -172,9 +175,7 @@ impl Search<'_> {
                         .moves
                         .iter()
                         .map(|(_, action)| *action)
-                        .filter(|action| {
-                            self.map.arm(action.from).is_some() && self.map.arm(action.to).is_some()
-                        })
+                        .filter(|action| self.map.is_handoff(action))
                         .collect();
                     let blamed = if meetings.is_empty() { place.as_slice() } else { &meetings };
                     self.cut_all(blamed, MISFIT_PENALTY);
@@ -233,7 +234,7 @@ impl Search<'_> {
         }
         // A whole new plan for what follows is dear where there are many objects.
         let few = self.problem.objects.len() <= MOST_REPLANNED;
-        let other = if few && self.rng.random_bool(0.7) {
+        let other = if self.rng.random_bool(if few { 0.7 } else { 0.05 }) {
             self.another_first_action(tau, &guide, control)
         } else {
             self.under_a_cut(tau, &guide, control)
@@ -241,7 +242,7 @@ impl Search<'_> {
         other.or(Some(guide))
     }
 
-    /// A guide that begins with another action than the tau's own, and is hardly longer.
+    /// A guide that begins with another action than the tau's own, and is mostly hardly longer.
     fn another_first_action(&mut self, tau: usize, guide: &Guide, control: &Control) -> Option<Guide> {
         let network = self.network.clone();
         let network = network.as_ref();
@@ -263,7 +264,8 @@ impl Search<'_> {
             _ => return None,
         };
         let excess = (rest.steps.len() + 1).saturating_sub(guide.remaining_steps?);
-        if excess > 2 || (excess > 0 && self.rng.random_bool(0.5)) {
+        // The longer it is, the rarer it is followed, but every one keeps a chance.
+        if self.rng.random_bool(1.0 - 0.5_f64.powi(excess.min(60) as i32)) {
             return None;
         }
         let mut steps = vec![vec![action]];

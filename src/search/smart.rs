@@ -59,6 +59,8 @@ pub struct Search<'a> {
     pub(super) best: Option<[f64; 2]>,
     /// Vertices from the root to the goal of the best plan found here.
     pub(super) best_way: Vec<usize>,
+    /// The same of the candidate that was reported last.
+    pub(super) offered: Vec<usize>,
     pub(super) rng: Rng,
     pub(super) seed: Seed,
     pub(super) iterations: u64,
@@ -104,6 +106,7 @@ impl<'a> Search<'a> {
             tree: vec![root],
             best: None,
             best_way: Vec::new(),
+            offered: Vec::new(),
             rng: seed.stream("search"),
             seed,
             iterations: 0,
@@ -143,9 +146,18 @@ impl<'a> Search<'a> {
         }
     }
 
+    /// Tells the search that the candidate which it reported last was accepted, at this cost.
+    pub fn accept(&mut self, cost: [f64; 2]) {
+        if !self.offered.is_empty() {
+            self.best_way = std::mem::take(&mut self.offered);
+        }
+        self.set_incumbent(cost);
+    }
+
     /// One loop of Algorithm 1.
     pub fn iterate(&mut self, control: &Control) -> Report {
         self.iterations += 1;
+        self.offered.clear();
         let in_force = self.cuts.active().len();
         self.cuts.advance();
         self.version += u64::from(self.cuts.active().len() != in_force);
@@ -216,12 +228,13 @@ impl<'a> Search<'a> {
                 self.memo.suggest(solution);
             }
             self.version += 1;
+            self.guide(0, control);
         }
     }
 
     /// `sample_trans`, `select`, `extend` and `modal_check`: grounds the guide's next actions and
     /// moves all arms there; the new vertex with a tau of its own.
-    fn extend(
+    pub(super) fn extend(
         &mut self,
         tau: usize,
         guide: &Guide,
@@ -231,6 +244,7 @@ impl<'a> Search<'a> {
         let thorough = self.tree[tau].failures > 0;
         let mut moved = None;
         let mut failures = Vec::new();
+        let mut crowds = Vec::new();
         let attempts = self.settings.groundings.min(2 + 2 * self.tree[tau].failures as usize);
         for attempt in 0..attempts {
             if control.should_stop() {
@@ -252,12 +266,16 @@ impl<'a> Search<'a> {
                     moved = Some((grounding, motion));
                     break;
                 }
-                Err(failure) => failures.push(failure),
+                Err(failure) => {
+                    failures.push(failure);
+                    crowds.push(grounding.crowd);
+                }
             }
             self.cause = Some("no motion was found for the arms that does not collide".to_owned());
         }
         let Some((grounding, motion)) = moved else {
             self.note_motion_failures(guide, &failures);
+            self.note_crowds(tau, guide, &crowds, control);
             return None;
         };
         let from = &self.tree[tau];
@@ -297,6 +315,7 @@ impl<'a> Search<'a> {
             objects: grounding.objects,
             arms,
             guide: None,
+            fewest: None,
             guided_at: 0,
             penalty: 0.0,
             chains: grounding.chains,
@@ -368,6 +387,7 @@ fn root(problem: &Problem, map: &Map) -> Vertex {
         arc: vec![0.0; problem.workcell.arms.len()],
         depth: 0,
         guide: None,
+        fewest: None,
         guided_at: 0,
         penalty: 0.0,
         chains: BTreeMap::new(),

@@ -5,9 +5,10 @@ use rand::Rng as _;
 use rand::seq::IndexedRandom;
 
 use super::ground::GroundingFailure;
+use super::tree::Whereabouts;
 use super::*;
 use crate::collision::CollisionWorld;
-use crate::guidance::{Guide, Instance, Move, Solution, check};
+use crate::guidance::{Guide, Instance, ModeState, Move, Solution, Violation, check};
 use crate::mode_graph::{ModeGraphOptions, build_mode_graph};
 use crate::motion::{ArmGoal, Roadmap};
 use crate::problem::Problem;
@@ -22,9 +23,9 @@ fn problem(family: Family, seed: u64) -> Problem {
     read_problem_value(&document, &LibraryOnly, &ReadLimits::default()).unwrap().problem
 }
 
-/// Picks of random objects by random arms that reach them: a step that nobody planned.
-fn random_step(instance: &Instance, map: &Map, rng: &mut Rng) -> Guide {
-    let start = instance.start();
+/// Random actions on random objects from `start`: a step that nobody planned.
+fn random_step(instance: &Instance, map: &Map, start: &ModeState, rng: &mut Rng) -> Guide {
+    let start = start.clone();
     let mut moves: Vec<Move> = Vec::new();
     for (object, &from) in start.iter().enumerate() {
         let class = instance.objects[object].class;
@@ -90,7 +91,7 @@ fn handoffs_that_never_fit_into_one_step_become_a_rule() {
         assert_eq!(rules(search), 1);
         let clash = search.network.instance().clashes[0].clone();
         for action in [one, two] {
-            assert!(clash.edges.contains(&(action.from, action.to)));
+            assert!(clash.actions.iter().any(|one| one.means(action.object, action.from, action.to)));
         }
         search.guide(0, &control);
         let guide = search.tree[0].guide.clone().unwrap();
@@ -147,12 +148,50 @@ fn meetings_of_one_step_are_apart_or_said_to_clash() {
 }
 
 #[test]
+fn random_steps_grow_the_tree_through_modes_that_nobody_planned() {
+    let control = Control::unbounded();
+    for family in [Family::Switch, Family::SideToSide, Family::Random] {
+        with_search(&problem(family, 2), |search, map, rng| {
+            let instance = map.network().instance();
+            let mut deepest = 0;
+            for _ in 0..200 {
+                let tau = rng.random_range(0..search.tree.len());
+                let guide = random_step(instance, map, &search.tree[tau].mode, rng);
+                let allowed = match check(instance, &guide.solution) {
+                    Ok(()) | Err(Violation::GoalMissed(_)) => !guide.immediate.is_empty(),
+                    Err(_) => false,
+                };
+                if !allowed || search.tree[tau].is_goal {
+                    continue;
+                }
+                let outline = search.grounder.outline(&search.tree[tau], &guide);
+                if let Some(new) = search.extend(tau, &guide, outline, &control) {
+                    let vertex = &search.tree[new];
+                    deepest = deepest.max(vertex.depth);
+                    for (object, &node) in vertex.objects.iter().zip(&vertex.mode) {
+                        match object {
+                            Whereabouts::Held { arm, .. } => assert_eq!(map.arm(node), Some(*arm)),
+                            Whereabouts::Resting { .. } => assert_eq!(map.arm(node), None),
+                        }
+                    }
+                }
+                if deepest == 4 {
+                    break;
+                }
+            }
+            assert_eq!(deepest, 4, "{}", family.name());
+        });
+    }
+}
+
+#[test]
 fn the_tree_reaches_mode_goals_without_guidance() {
     let control = Control::unbounded();
     for family in [Family::Switch, Family::SideToSide, Family::Random] {
         with_search(&problem(family, 1), |search, map, rng| {
             let reached = (0..40).any(|_| {
-                let guide = random_step(map.network().instance(), map, rng);
+                let instance = map.network().instance();
+                let guide = random_step(instance, map, &instance.start(), rng);
                 if guide.immediate.is_empty() {
                     return false;
                 }

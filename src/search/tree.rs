@@ -57,6 +57,8 @@ pub(super) struct Vertex {
     pub(super) depth: usize,
     /// Guidance for this tau, once asked.
     pub(super) guide: Option<Guide>,
+    /// The fewest steps that any guide said remain, since the network last gained a rule.
+    pub(super) fewest: Option<usize>,
     /// Under which version of the cuts it was asked, and what they add to its steps.
     pub(super) guided_at: u64,
     pub(super) penalty: f64,

@@ -1,5 +1,6 @@
 //! The benchmark of guidance: mode graphs of generated problems, as the planner makes them, solved with
-//! both efforts; every answer goes through the independent checker.
+//! both efforts, and for comparison by the paper's single integer program; every answer goes through the
+//! independent checker.
 
 use std::fmt;
 use std::time::{Duration, Instant};
@@ -9,7 +10,7 @@ use serde::Serialize;
 use crate::bench::Size;
 use crate::cli::{Answer as Reply, CliError, budget, input};
 use crate::collision::CollisionWorld;
-use crate::guidance::{Answer, Cuts, Effort, Instance, Network, check, solve};
+use crate::guidance::{Answer, Cuts, Effort, Instance, Network, check, single_call, solve};
 use crate::mode_graph::{ModeGraphOptions, build_mode_graph};
 use crate::run::{Control, Seed};
 use crate::scenario::{Family, generate};
@@ -37,6 +38,9 @@ pub(in crate::cli) struct Arguments {
     /// How long a thorough solution may take
     #[arg(long, default_value = "2s", value_parser = budget::parse)]
     limit: Duration,
+    /// Solve by the paper's single integer program per object, too, given the number of steps that was found
+    #[arg(long)]
+    single_call: bool,
     /// Print the table as JSON, with every problem
     #[arg(long)]
     json: bool,
@@ -62,6 +66,15 @@ struct Trial {
     blocks: usize,
     quick: Solved,
     thorough: Solved,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    single_call: Option<Solved>,
+}
+
+impl Trial {
+    /// All solutions of the problem.
+    fn all(&self) -> impl Iterator<Item = &Solved> {
+        [&self.quick, &self.thorough].into_iter().chain(&self.single_call)
+    }
 }
 
 /// The problems of one size.
@@ -83,12 +96,11 @@ pub(super) fn run(arguments: &Arguments) -> Result<Reply, CliError> {
     let mut table =
         Table { family: arguments.family.name(), limit_s: arguments.limit.as_secs_f64(), sizes: Vec::new() };
     for &size in &arguments.sizes {
-        let trials = (0..arguments.trials).map(|seed| trial(arguments.family, size, seed, arguments.limit));
+        let trials = (0..arguments.trials).map(|seed| trial(arguments, size, seed));
         let trials: Result<Vec<Trial>, CliError> = trials.collect();
         table.sizes.push(Sized { size: size.to_string(), trials: trials? });
     }
-    let mut solutions =
-        table.sizes.iter().flat_map(|size| &size.trials).flat_map(|t| [&t.quick, &t.thorough]);
+    let mut solutions = table.sizes.iter().flat_map(|size| &size.trials).flat_map(Trial::all);
     let all_valid = solutions.all(|solved| solved.valid != Some(false));
     let text = if arguments.json {
         serde_json::to_string_pretty(&table)
@@ -101,8 +113,8 @@ pub(super) fn run(arguments: &Arguments) -> Result<Reply, CliError> {
 }
 
 /// Makes a problem's mode graph and solves it.
-fn trial(family: Family, size: Size, seed: u64, limit: Duration) -> Result<Trial, CliError> {
-    let document = generate(family, size.arms, size.objects, seed).map_err(CliError::Scenario)?;
+fn trial(arguments: &Arguments, size: Size, seed: u64) -> Result<Trial, CliError> {
+    let document = generate(arguments.family, size.arms, size.objects, seed).map_err(CliError::Scenario)?;
     let problem = read_problem_value(&document, &LibraryOnly, &ReadLimits::default())
         .map_err(|faults| CliError::Faults { path: "generated".into(), faults })?
         .problem;
@@ -113,8 +125,26 @@ fn trial(family: Family, size: Size, seed: u64, limit: Duration) -> Result<Trial
     let (nodes, edges, blocks) = (instance.nodes.len(), instance.edges.len(), instance.blocks.len());
     let network = Network::new(instance).map_err(CliError::Graph)?;
     let quick = solved(&network, &Effort::quick(), None);
-    let thorough = solved(&network, &Effort::thorough(), Some(limit));
-    Ok(Trial { seed, nodes, edges, blocks, quick, thorough })
+    let thorough = solved(&network, &Effort::thorough(), Some(arguments.limit));
+    let single_call = arguments.single_call.then(|| solved_at_once(&network, &thorough, arguments.limit));
+    Ok(Trial { seed, nodes, edges, blocks, quick, thorough, single_call })
+}
+
+/// Solves from the start by one integer program with as many steps as a plan that is `known` has.
+fn solved_at_once(network: &Network, known: &Solved, limit: Duration) -> Solved {
+    let start = network.instance().start();
+    let horizon = known.steps.unwrap_or(known.lower_bound);
+    let began = Instant::now();
+    let answer = single_call(network, &start, horizon, limit.as_secs_f64());
+    let ms = began.elapsed().as_secs_f64() * 1e3;
+    let steps = answer.as_ref().ok().map(|plan| plan.steps.len());
+    Solved {
+        ms,
+        steps,
+        lower_bound: known.lower_bound,
+        proved: steps == Some(known.lower_bound),
+        valid: answer.ok().map(|plan| check(network.instance(), &plan).is_ok()),
+    }
 }
 
 /// Solves from the start, again and again where that is quick.
@@ -163,6 +193,10 @@ impl fmt::Display for Table {
             let thorough = size.trials.iter().map(|trial| &trial.thorough).collect();
             row(f, &size.size, "quick", quick)?;
             row(f, &size.size, "thorough", thorough)?;
+            let single: Vec<&Solved> = size.trials.iter().filter_map(|t| t.single_call.as_ref()).collect();
+            if !single.is_empty() {
+                row(f, &size.size, "one call", single)?;
+            }
         }
         Ok(())
     }
