@@ -18,7 +18,9 @@ COPY --from=build /quadrille /usr/local/bin/quadrille
 COPY --from=build --chown=65532:65532 /data /data
 # A number, so that nothing has to be created and Kubernetes can check that it is not root.
 USER 65532:65532
+# Jobs and workcells are in the volume, so that they survive the process.
 ENV QUADRILLE_LISTEN=0.0.0.0:8080 \
+    QUADRILLE_DATA_DIR=/data \
     QUADRILLE_LOG_FORMAT=json
 EXPOSE 8080
 VOLUME /data

@@ -5,6 +5,10 @@ use std::io::{BufRead, BufReader};
 use std::path::Path;
 use std::process::{Child, Command, Output, Stdio};
 
+use quadrille::geometry::{Pose, pose_from_parts};
+use quadrille::problem::Problem;
+use quadrille::wire::{LibraryOnly, ReadLimits, read_problem};
+use quadrille::workcell::Arm;
 use serde_json::Value;
 
 fn quadrille(arguments: &[&str]) -> Output {
@@ -212,4 +216,232 @@ fn a_service_that_cannot_start_says_what_is_wrong() {
         assert_eq!(out(&output), "", "{arguments:?}");
     }
     assert_eq!(quadrille(&["verify", "-", "-"]).status.code(), Some(2));
+}
+
+fn scenario(name: &str) -> String {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenarios").join(format!("{name}.json"));
+    path.to_str().unwrap().to_owned()
+}
+
+fn modes(name: &str, flags: &[&str]) -> String {
+    let output = quadrille(&[&["modes", &scenario(name)], flags].concat());
+    assert_eq!(output.status.code(), Some(0), "{name}: {}", err(&output));
+    out(&output)
+}
+
+/// Small cells, of one kind of arm and of all kinds.
+const CELLS: [&str; 4] = ["switch/2x2", "switch_mixed/3x2", "random/4x4", "in_place_swap/3x2"];
+
+fn pose(value: &Value) -> Pose {
+    let number = |part: &str, axis: &str| value[part][axis].as_f64().unwrap();
+    let at = ["x", "y", "z"].map(|axis| number("position", axis));
+    pose_from_parts(at, ["x", "y", "z", "w"].map(|axis| number("orientation", axis)))
+}
+
+fn numbers(value: &Value) -> Vec<f64> {
+    value.as_array().unwrap().iter().map(|number| number.as_f64().unwrap()).collect()
+}
+
+fn is_near(a: &Pose, b: &Pose) -> bool {
+    let off = a.inverse() * b;
+    off.translation.vector.norm() < 1e-4 && off.rotation.angle() < 1e-3
+}
+
+/// A mode graph as a JSON document, with the problem that it belongs to.
+struct Modes {
+    problem: Problem,
+    graph: Value,
+}
+
+impl Modes {
+    fn of(name: &str) -> Self {
+        let text = fs::read(scenario(name)).unwrap();
+        let problem = read_problem(&text, &LibraryOnly, &ReadLimits::default()).unwrap().problem;
+        Self { problem, graph: serde_json::from_str(&modes(name, &["--json"])).unwrap() }
+    }
+
+    fn list(&self, name: &str) -> &[Value] {
+        self.graph[name].as_array().unwrap()
+    }
+
+    /// The arm that a node stands for, if it does.
+    fn arm(&self, node: &Value) -> Option<&Arm> {
+        let place = &self.list("nodes")[node.as_u64().unwrap() as usize]["place"];
+        (place["kind"] == "arm").then(|| self.named(&place["arm"]))
+    }
+
+    fn named(&self, id: &Value) -> &Arm {
+        self.problem.workcell.arms.iter().find(|arm| arm.id == id.as_str().unwrap()).unwrap()
+    }
+
+    /// A region's or slot's own surface, and a pose on it that is exactly prescribed.
+    fn ground(&self, node: &Value) -> (Value, Option<Pose>) {
+        let place = &self.list("nodes")[node.as_u64().unwrap() as usize]["place"];
+        match place["kind"].as_str() {
+            Some("slot") => (place["slot"]["surface"].clone(), Some(pose(&place["slot"]["pose"]))),
+            _ => (place["surface"].clone(), None),
+        }
+    }
+
+    /// Whether an object with its middle here lies on the surface.
+    fn lies_on(&self, surface: &Value, at: &Pose) -> bool {
+        let surface =
+            self.problem.workcell.surfaces.iter().find(|s| s.id == surface.as_str().unwrap()).unwrap();
+        let at = (surface.pose.inverse() * at).translation.vector;
+        let [x, y] = surface.half_extents;
+        // Cubes of 6 cm.
+        at.x.abs() <= x && at.y.abs() <= y && (at.z - 0.03).abs() < 2e-3
+    }
+
+    /// Where the tool of an arm in these joints has an object that it holds so.
+    fn in_hand(arm: &Arm, q: &Value, object_in_tcp: &Value) -> Pose {
+        let q = numbers(q);
+        assert_eq!(q.len(), arm.model.dof());
+        arm.tcp_pose(&q) * pose(object_in_tcp)
+    }
+}
+
+#[test]
+fn mode_graphs_say_who_reaches_what_and_why() {
+    for name in CELLS {
+        let modes = Modes::of(name);
+        assert_eq!(modes.graph["complete"], true, "{name}");
+        let (nodes, edges) = (modes.list("nodes"), modes.list("edges"));
+        let leads = |from: usize, to: usize| edges.iter().any(|e| e["from"] == from && e["to"] == to);
+        let mut regions = 0;
+        for (index, node) in nodes.iter().enumerate() {
+            let (place, why) = (&node["place"], node["why"].as_str().unwrap());
+            assert!(node["capacity"].as_u64() >= Some(1) && !why.is_empty(), "{name}: {node}");
+            if place["kind"] != "region" {
+                continue;
+            }
+            regions += 1;
+            let count = |part: &str| place[part].as_array().unwrap().len() as u64;
+            assert_eq!(node["capacity"], count("spots") + count("merged"), "{name}: {node}");
+            assert!(why.contains(&format!("{} spot", count("spots"))), "{why}");
+            // A count that ended for want of room is the whole of it; any other is a least one.
+            let ended = place["more_may_fit"] == false;
+            assert_eq!(why.starts_with("at least "), !ended, "{why}");
+            assert_eq!(why.ends_with("no room for more was found"), ended, "{why}");
+            let enough = node["capacity"].as_u64().unwrap() >= modes.problem.objects.len() as u64;
+            assert_eq!(why.contains("which is enough for"), !ended && enough, "{why}");
+            for spot in place["spots"].as_array().unwrap() {
+                assert!(modes.lies_on(&place["surface"], &pose(spot)), "{name}: {spot}");
+            }
+            // Those that reach it are those that can bring and fetch.
+            let arms = place["arms"].as_array().unwrap();
+            assert!(!arms.is_empty(), "{name}: {node}");
+            for (arm, other) in nodes.iter().enumerate().filter(|(_, other)| other["place"]["kind"] == "arm")
+            {
+                let reaches = arms.contains(&other["place"]["arm"]);
+                assert_eq!((leads(index, arm), leads(arm, index)), (reaches, reaches), "{name}: {node}");
+            }
+            assert!(arms.iter().all(|arm| !modes.named(arm).id.is_empty()));
+        }
+        assert!(regions >= 2, "{name}");
+    }
+}
+
+#[test]
+fn every_edge_of_a_mode_graph_has_a_case_that_can_be_computed_again() {
+    for name in CELLS {
+        let modes = Modes::of(name);
+        let (mut handoffs, mut rests) = (0, 0);
+        for edge in modes.list("edges") {
+            let witness = &edge["witness"];
+            let object = |q: &str, hold: &str, arm: &Arm| Modes::in_hand(arm, &witness[q], &witness[hold]);
+            let (arm, node) = match (modes.arm(&edge["from"]), modes.arm(&edge["to"])) {
+                (Some(giver), Some(receiver)) => {
+                    assert_ne!(giver.id, receiver.id);
+                    let (given, taken) = (
+                        object("giver_q", "object_in_tcp", giver),
+                        object("receiver_q", "to_object_in_tcp", receiver),
+                    );
+                    assert!(is_near(&given, &taken), "{name}: {edge}");
+                    handoffs += 1;
+                    continue;
+                }
+                (Some(arm), None) => (arm, &edge["to"]),
+                (None, Some(arm)) => (arm, &edge["from"]),
+                (None, None) => panic!("{edge}"),
+            };
+            let at = pose(&witness["object_pose"]);
+            assert!(is_near(&object("q", "object_in_tcp", arm), &at), "{name}: {edge}");
+            let (surface, exactly) = modes.ground(node);
+            assert_eq!(witness["surface"], surface, "{name}: {edge}");
+            assert!(modes.lies_on(&surface, &at), "{name}: {edge}");
+            assert!(exactly.is_none_or(|pose| is_near(&pose, &at)), "{name}: {edge}");
+            rests += 1;
+        }
+        assert!(handoffs >= 2 && rests >= 8, "{name}: {handoffs} {rests}");
+    }
+}
+
+#[test]
+fn mode_graphs_for_people_tell_the_same() {
+    for name in CELLS {
+        let known = Modes::of(name);
+        let (text, dot) = (modes(name, &[]), modes(name, &["--dot"]));
+        let (nodes, edges) = (known.list("nodes"), known.list("edges"));
+        let balance = |open: char, close: char| dot.matches(open).count() == dot.matches(close).count();
+        assert!(balance('{', '}') && balance('[', ']'), "{dot}");
+        assert!(dot.starts_with("digraph ") && dot.ends_with("}\n"), "{dot}");
+        assert!(dot.lines().all(|line| line.matches('"').count().is_multiple_of(2)), "{dot}");
+        for (index, node) in nodes.iter().enumerate() {
+            let (name, why) = (node["name"].as_str().unwrap(), node["why"].as_str().unwrap());
+            let said = format!("capacity {} ({why})", node["capacity"]);
+            let line = text.lines().find(|line| line.starts_with(&format!("  {index}: {name},"))).unwrap();
+            let drawn = dot.lines().find(|line| line.starts_with(&format!("  n{index} ["))).unwrap();
+            assert!(line.contains(&said), "{said} in {line}");
+            assert!(
+                drawn.contains(&format!("label=\"{name}\\n")) && drawn.contains(&said),
+                "{said} in {drawn}"
+            );
+            if let Some(arms) = node["place"]["arms"].as_array() {
+                let arms: Vec<&str> = arms.iter().map(|arm| arm.as_str().unwrap()).collect();
+                let reached = format!("reached by {}", arms.join(", "));
+                assert!(line.contains(&reached) && drawn.contains(&reached), "{reached}");
+            }
+        }
+        // An edge that leads back, too, is told once, and each with its case.
+        let back = |edge: &Value| {
+            edges
+                .iter()
+                .any(|e| [&e["from"], &e["to"], &e["class"]] == [&edge["to"], &edge["from"], &edge["class"]])
+        };
+        let told = |edge: &&Value| edge["from"].as_u64() < edge["to"].as_u64() || !back(edge);
+        let count = edges.iter().filter(told).count();
+        for edge in edges.iter().filter(told) {
+            let (from, to) = (&edge["from"], &edge["to"]);
+            let ends = format!("  n{from} -> n{to} [label=\"class {},", edge["class"]);
+            let drawn: Vec<&str> = dot.lines().filter(|line| line.starts_with(&ends)).collect();
+            assert_eq!(drawn.len(), 1, "{ends}");
+            assert!(
+                drawn[0].contains(" m\\nby grasp ") && drawn[0].contains("edgetooltip=\"by grasp "),
+                "{drawn:?}"
+            );
+        }
+        assert_eq!(
+            dot.lines().filter(|line| line.contains(" -> ") && !line.contains("dashed")).count(),
+            count
+        );
+        let lines: Vec<&str> = text.lines().skip_while(|line| *line != "edges").skip(1).collect();
+        let lines: Vec<&&str> = lines.iter().take_while(|line| line.starts_with("  ")).collect();
+        assert_eq!(lines.len(), count, "{text}");
+        assert!(lines.iter().all(|line| line.contains(", by grasp ") && !line.contains("without")), "{text}");
+    }
+}
+
+#[test]
+fn mode_graphs_are_the_same_bytes_for_the_same_seed() {
+    for name in CELLS {
+        for flags in [&["--json"][..], &["--dot"], &[]] {
+            let flags = [flags, &["--seed", "5"]].concat();
+            assert_eq!(modes(name, &flags), modes(name, &flags), "{name} {flags:?}");
+        }
+    }
+    let bound: Value = serde_json::from_str(&modes("switch/2x2", &["--optimistic", "--json"])).unwrap();
+    assert_eq!(bound["kind"], "optimistic");
+    assert!(bound["edges"].as_array().unwrap().iter().all(|edge| edge["witness"].is_null()));
+    assert!(!modes("switch/2x2", &["--optimistic"]).contains("witness"));
 }

@@ -73,7 +73,7 @@ settings! {
     workers: usize = "QUADRILLE_WORKERS";
     /// Most jobs that wait for a planner thread [default: 64]
     queue_limit: usize = "QUADRILLE_QUEUE_LIMIT";
-    /// Most jobs of one client that wait or run [default: the queue's limit]
+    /// Most jobs of one client that wait or run [default: the queue's limit and the planner threads together]
     client_jobs: usize = "QUADRILLE_CLIENT_JOBS";
     /// How much earlier a job counts as having come, per step of priority [default: 30s]
     priority_aging: Span = "QUADRILLE_PRIORITY_AGING";

@@ -227,7 +227,8 @@ fn region_node(surface: SurfaceId, class: usize, group: Group, merged: Vec<Slot>
     let positions: Vec<Vec3> = positions.map(|pose| pose.translation.vector).collect();
     let centre = positions.iter().sum::<Vec3>() / positions.len().max(1) as f64;
     let capacity = group.spots.len() + merged.len();
-    let region = Region { surface, class, arms: group.arms, spots: group.spots, merged };
+    let Group { arms, spots, more_may_fit, .. } = group;
+    let region = Region { surface, class, arms, spots, more_may_fit, merged };
     ModeNode { place: Place::Region(region), capacity, centre }
 }
 

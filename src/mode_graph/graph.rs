@@ -51,6 +51,9 @@ pub struct Region {
     pub arms: Vec<ArmId>,
     /// Where objects can be put aside.
     pub spots: Vec<Spot>,
+    /// Whether spots were looked for only until there were enough on the surface; else no room for
+    /// another one was found.
+    pub more_may_fit: bool,
     /// Slots that are part of the region rather than nodes of their own: nothing conflicts with
     /// them, and no object has to move between two of them.
     pub merged: Vec<Slot>,

@@ -55,7 +55,7 @@ impl Meetings {
 }
 
 /// A handoff backwards in time.
-fn reversed(witness: &HandoffWitness) -> HandoffWitness {
+pub(super) fn reversed(witness: &HandoffWitness) -> HandoffWitness {
     HandoffWitness {
         giver_q: witness.receiver_q.clone(),
         receiver_q: witness.giver_q.clone(),

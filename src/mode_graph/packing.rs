@@ -47,6 +47,8 @@ pub(super) struct Packing {
     pub(super) shifts: Vec<[f64; 2]>,
     /// Distance (m) between neighbours on the lattice, the larger of both axes.
     pub(super) pitch: f64,
+    /// Whether packing ended because there were copies enough; else no room for another was found.
+    pub(super) more_may_fit: bool,
 }
 
 /// Shifts at which copies of `footprint` can stand on `bed` all at once, about `wanted` of them if
@@ -68,7 +70,7 @@ pub(super) fn pack(footprint: &Footprint, bed: &Bed<'_>, wanted: usize, enough: 
     let wide = tight.map(|pitch| pitch * widen);
     let fixed = free_nodes(footprint, bed, [x, y], wide, [0, 0]);
     if fixed.len() >= enough.min(wanted) && !fixed.is_empty() {
-        return Packing { shifts: fixed, pitch };
+        return Packing { shifts: fixed, pitch, more_may_fit: true };
     }
     let mut best = lattice(footprint, bed, [x, y], wide);
     if best.len() < wanted && widen > 1.0 {
@@ -78,10 +80,8 @@ pub(super) fn pack(footprint: &Footprint, bed: &Bed<'_>, wanted: usize, enough: 
             best = dense;
         }
     }
-    if best.len() < wanted {
-        fill(footprint, bed, [x, y], wanted, &mut best);
-    }
-    Packing { shifts: best, pitch }
+    let more_may_fit = best.len() >= wanted || !fill(footprint, bed, [x, y], wanted, &mut best);
+    Packing { shifts: best, pitch, more_may_fit }
 }
 
 /// The largest set of free lattice nodes over a few shifts of the lattice.
@@ -116,14 +116,15 @@ fn free_nodes(
     nodes.filter(|node| bed.admits(&footprint.shifted(*node), &[])).collect()
 }
 
-/// Adds copies at nodes of a fine grid, row by row, until there are `wanted`.
+/// Adds copies at nodes of a fine grid, row by row, until there are `wanted`; whether it came to the
+/// end of the grid, so that none of its nodes admits another one.
 fn fill(
     footprint: &Footprint,
     bed: &Bed<'_>,
     ranges: [(f64, f64); 2],
     wanted: usize,
     spots: &mut Vec<[f64; 2]>,
-) {
+) -> bool {
     let area = (ranges[0].1 - ranges[0].0) * (ranges[1].1 - ranges[1].0);
     let step = FINE_STEP.max((area / MOST_NODES).sqrt());
     let axis = |(from, to): (f64, f64)| {
@@ -134,7 +135,7 @@ fn fill(
     for y in axis(ranges[1]) {
         for x in axis(ranges[0]) {
             if spots.len() >= wanted {
-                return;
+                return false;
             }
             let candidate = footprint.shifted([x, y]);
             if bed.admits(&candidate, &placed) {
@@ -143,6 +144,7 @@ fn fill(
             }
         }
     }
+    true
 }
 
 #[cfg(test)]
@@ -170,7 +172,13 @@ mod tests {
             let footprint = cuboid(a, b, at(0.0, 0.0, 0.0));
             let taken: Vec<Footprint> = others.iter().map(|&(x, y, yaw)| cuboid(0.03, 0.03, at(x, y, yaw))).collect();
             let bed = Bed { half_extents: [w, d], taken: &taken, gap };
-            let spots: Vec<Footprint> = pack(&footprint, &bed, wanted, usize::MAX).shifts.iter().map(|s| footprint.shifted(*s)).collect();
+            let packing = pack(&footprint, &bed, wanted, usize::MAX);
+            if let (false, Some(x), Some(y)) = (packing.more_may_fit, bed.range(&footprint, 0), bed.range(&footprint, 1)) {
+                let mut more = packing.shifts.clone();
+                prop_assert!(fill(&footprint, &bed, [x, y], usize::MAX, &mut more));
+                prop_assert_eq!(&more, &packing.shifts);
+            }
+            let spots: Vec<Footprint> = packing.shifts.iter().map(|s| footprint.shifted(*s)).collect();
             for (index, spot) in spots.iter().enumerate() {
                 let (low, high) = spot.bounds();
                 prop_assert!(low[0] >= -w - 2e-9 && low[1] >= -d - 2e-9 && high[0] <= w + 2e-9 && high[1] <= d + 2e-9);
@@ -186,9 +194,10 @@ mod tests {
             let side = |count: usize| count as f64 * a + 0.5 * (count as f64 - 1.0) * gap;
             let footprint = cuboid(a, a, at(0.0, 0.0, 0.0));
             let bed = Bed { half_extents: [side(columns), side(rows)], taken: &[], gap };
-            prop_assert!(pack(&footprint, &bed, 100, usize::MAX).shifts.len() >= columns * rows);
-            let few = pack(&footprint, &bed, 1, usize::MAX).shifts.len();
-            prop_assert!((1..=4).contains(&few));
+            let all = pack(&footprint, &bed, 100, usize::MAX);
+            prop_assert!(all.shifts.len() >= columns * rows && !all.more_may_fit);
+            let few = pack(&footprint, &bed, 1, usize::MAX);
+            prop_assert!((1..=4).contains(&few.shifts.len()) && few.more_may_fit);
         }
     }
 

@@ -5,7 +5,7 @@ use std::fmt::Write as _;
 use crate::problem::Problem;
 use crate::workcell::ArmId;
 
-use super::graph::{BlockedPart, GraphKind, ModeGoal, ModeGraph, Place, Slot};
+use super::graph::{BlockedPart, GraphKind, ModeEdge, ModeGoal, ModeGraph, ModeNode, Place, Slot};
 use super::reach::{Hold, RestAction};
 use super::witness::Witness;
 
@@ -44,14 +44,13 @@ impl ModeGraph {
                 "  {index}: {}, capacity {} ({}), at ({:.3}, {:.3}, {:.3})",
                 name(index),
                 node.capacity,
-                why(&node.place),
+                self.why(problem, index),
                 centre.x,
                 centre.y,
                 centre.z
             );
             if let Place::Region(region) = &node.place {
-                let arm = |arm: &ArmId| problem.workcell.arms[arm.0].id.as_str();
-                let arms = region.arms.iter().map(arm).collect::<Vec<_>>().join(", ");
+                let arms = arm_names(problem, &region.arms);
                 let merged = region.merged.iter().map(|slot| slot_name(problem, slot)).collect::<Vec<_>>();
                 let _ = write!(out, ", class {}, reached by {arms}", region.class);
                 if !merged.is_empty() {
@@ -62,36 +61,20 @@ impl ModeGraph {
         }
         let _ = writeln!(out, "edges");
         for edge in &self.edges {
-            let same = |from: usize, to: usize| {
-                self.edges.iter().any(|e| e.from == from && e.to == to && e.class == edge.class)
-            };
-            let both = same(edge.to, edge.from);
-            if both && edge.from > edge.to {
+            let back = self.back(edge);
+            if back.is_some() && edge.from > edge.to {
                 continue;
             }
-            let arrow = if both { "<->" } else { "->" };
-            let _ = write!(
+            let arrow = if back.is_some() { "<->" } else { "->" };
+            let _ = writeln!(
                 out,
-                "  {} {arrow} {}, class {}, {:.3} m",
+                "  {} {arrow} {}, class {}, {:.3} m{}",
                 name(edge.from),
                 name(edge.to),
                 edge.class,
-                edge.weight
+                edge.weight,
+                self.how(edge, back).map_or_else(String::new, |how| format!(", {how}"))
             );
-            let _ = match &edge.witness {
-                Some(Witness::Rest(rest)) => {
-                    writeln!(out, ", by {} at {}", grasp(&rest.hold), joints(&rest.q))
-                }
-                Some(Witness::Handoff(handoff)) => writeln!(
-                    out,
-                    ", by {} at {} to {} at {}",
-                    grasp(&handoff.giver_hold),
-                    joints(&handoff.giver_q),
-                    grasp(&handoff.receiver_hold),
-                    joints(&handoff.receiver_q)
-                ),
-                None => writeln!(out),
-            };
         }
         if !self.conflicts.is_empty() {
             let _ = writeln!(out, "together at most");
@@ -143,8 +126,8 @@ impl ModeGraph {
         out
     }
 
-    /// The graph in Graphviz's DOT: arms as boxes, slots as points of interest, regions as ellipses;
-    /// an edge that goes both ways is drawn once.
+    /// The graph in Graphviz's DOT: arms as boxes, slots as diamonds, regions as ellipses; an edge
+    /// that goes both ways is drawn once. What is long is in tooltips.
     pub fn to_dot(&self, problem: &Problem) -> String {
         let mut out = String::from("digraph modes {\n  overlap = false;\n");
         for (index, node) in self.nodes.iter().enumerate() {
@@ -154,23 +137,37 @@ impl ModeGraph {
                 Place::Region(_) | Place::Surface(_) => "ellipse",
             };
             // Ids are made of letters, digits, `_`, `.` and `-`: nothing to escape.
-            let label = self.node_name(problem, index);
+            let name = self.node_name(problem, index);
+            let reached = match &node.place {
+                Place::Region(region) => format!("\\nreached by {}", arm_names(problem, &region.arms)),
+                _ => String::new(),
+            };
+            let why = self.why(problem, index);
             let _ = writeln!(
                 out,
-                "  n{index} [shape={shape}, label=\"{label}\\ncapacity {}\", pos=\"{:.3},{:.3}\"];",
+                "  n{index} [shape={shape}, label=\"{name}\\ncapacity {}{reached}\", \
+                 tooltip=\"{name}: capacity {0} ({why})\", pos=\"{:.3},{:.3}\"];",
                 node.capacity, node.centre.x, node.centre.y
             );
         }
         for edge in &self.edges {
-            let back =
-                self.edges.iter().any(|e| e.from == edge.to && e.to == edge.from && e.class == edge.class);
-            if back && edge.from > edge.to {
+            let back = self.back(edge);
+            if back.is_some() && edge.from > edge.to {
                 continue;
             }
-            let both = if back { ", dir=both" } else { "" };
+            let both = if back.is_some() { ", dir=both" } else { "" };
+            let by = match &edge.witness {
+                Some(Witness::Rest(rest)) => format!("\\nby {}", grasp(&rest.hold)),
+                Some(Witness::Handoff(handoff)) => {
+                    format!("\\nby {} to {}", grasp(&handoff.giver_hold), grasp(&handoff.receiver_hold))
+                }
+                None => String::new(),
+            };
+            let tooltip =
+                self.how(edge, back).map_or_else(String::new, |how| format!(", edgetooltip=\"{how}\""));
             let _ = writeln!(
                 out,
-                "  n{} -> n{} [label=\"class {}, {:.2} m\"{both}];",
+                "  n{} -> n{} [label=\"class {}, {:.2} m{by}\"{tooltip}{both}];",
                 edge.from, edge.to, edge.class, edge.weight
             );
         }
@@ -184,23 +181,82 @@ impl ModeGraph {
         out.push_str("}\n");
         out
     }
+
+    /// Where the capacity of `node` comes from.
+    pub fn why(&self, problem: &Problem, node: usize) -> String {
+        let Some(ModeNode { place, capacity, .. }) = self.nodes.get(node) else { return String::new() };
+        let region = match place {
+            Place::Arm(_) => return "one gripper".to_owned(),
+            Place::Slot(_) => return "one exact pose".to_owned(),
+            Place::Surface(_) => return "all objects, within what the surface's area holds".to_owned(),
+            Place::Region(region) => region,
+        };
+        let spots = region.spots.len();
+        let least = if region.more_may_fit { "at least " } else { "" };
+        let s = if spots == 1 { "" } else { "s" };
+        let merged = match region.merged.len() {
+            0 => String::new(),
+            1 => " and 1 start or goal within".to_owned(),
+            count => format!(" and {count} starts and goals within"),
+        };
+        let objects = problem.objects.iter().filter(|object| object.class == region.class).count();
+        let end = match (region.more_may_fit, objects) {
+            (false, _) => "no room for more was found".to_owned(),
+            (true, 1) if *capacity >= 1 => "which is enough for the one object of the class".to_owned(),
+            (true, _) if *capacity >= objects => {
+                format!("which is enough for the {objects} objects of the class at once")
+            }
+            (true, _) => "no more were looked for".to_owned(),
+        };
+        format!("{least}{spots} spot{s} with room for fingers{merged}, {end}")
+    }
+
+    /// The edge that leads back, if there is one.
+    fn back(&self, edge: &ModeEdge) -> Option<&ModeEdge> {
+        self.edges.iter().find(|e| e.from == edge.to && e.to == edge.from && e.class == edge.class)
+    }
+
+    /// The witnesses of an edge and of the one that leads back; `None` on the graph that bounds, which
+    /// has no witnesses.
+    fn how(&self, edge: &ModeEdge, back: Option<&ModeEdge>) -> Option<String> {
+        if self.kind == GraphKind::Optimistic {
+            return None;
+        }
+        let known = |edge: &ModeEdge| match &edge.witness {
+            Some(witness) => format!("by {}", case(witness)),
+            None => "without a witness".to_owned(),
+        };
+        let there = known(edge);
+        Some(match back {
+            None => there,
+            Some(back) if back.witness == edge.witness.as_ref().map(Witness::reversed) => {
+                format!("{there}, both ways")
+            }
+            Some(back) => format!("{there}, back {}", known(back)),
+        })
+    }
 }
 
-/// Where a node's capacity comes from.
-fn why(place: &Place) -> String {
-    match place {
-        Place::Arm(_) => "one gripper".to_owned(),
-        Place::Slot(_) => "one exact pose".to_owned(),
-        Place::Region(region) => {
-            let spots = region.spots.len();
-            let merged = match region.merged.len() {
-                0 => String::new(),
-                count => format!(", and {count} starts and goals within"),
-            };
-            format!("{spots} spots packed with room for fingers{merged}")
+/// A witness in words: grasps, joints, and where the object rests.
+fn case(witness: &Witness) -> String {
+    match witness {
+        Witness::Rest(rest) => {
+            let at = rest.pose.translation.vector;
+            let hold = grasp(&rest.hold);
+            format!("{hold} at {}, the object at ({:.3}, {:.3}, {:.3})", joints(&rest.q), at.x, at.y, at.z)
         }
-        Place::Surface(_) => "all objects, within the area below".to_owned(),
+        Witness::Handoff(handoff) => format!(
+            "{} at {} to {} at {}",
+            grasp(&handoff.giver_hold),
+            joints(&handoff.giver_q),
+            grasp(&handoff.receiver_hold),
+            joints(&handoff.receiver_q)
+        ),
     }
+}
+
+fn arm_names(problem: &Problem, arms: &[ArmId]) -> String {
+    arms.iter().map(|arm| problem.workcell.arms[arm.0].id.as_str()).collect::<Vec<_>>().join(", ")
 }
 
 fn grasp(hold: &Hold) -> String {

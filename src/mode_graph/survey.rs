@@ -41,6 +41,8 @@ impl SlotReach {
 pub(super) struct Group {
     pub(super) arms: Vec<ArmId>,
     pub(super) spots: Vec<Spot>,
+    /// Whether there may be room for more spots on the surface.
+    pub(super) more_may_fit: bool,
     /// Slots of the class within it, by number.
     pub(super) slots: Vec<usize>,
 }
@@ -179,7 +181,7 @@ impl Surveyor<'_> {
         let mut samples = Vec::new();
         let mut spots: Vec<Option<Spot>> = Vec::new();
         let mut numbers = Vec::new();
-        let mut pitch = 0.0;
+        let (mut pitch, mut more_may_fit) = (0.0, false);
         if let (Some(stance), false) = (stances.first(), reachable.is_empty()) {
             let outline = Footprint::of(shapes, &stance.pose);
             let taken: Vec<Footprint> = slots
@@ -196,7 +198,7 @@ impl Surveyor<'_> {
             let bed = Bed { half_extents: place.half_extents, taken: &taken, gap };
             let members = self.problem.objects.iter().filter(|object| object.class == class).count();
             let packing = pack(&outline, &bed, wanted, members + 1);
-            pitch = packing.pitch;
+            (pitch, more_may_fit) = (packing.pitch, packing.more_may_fit);
             for at in packing.shifts {
                 let poses: Vec<Pose> =
                     alternatives.iter().map(|(stance, yaw)| stance.on(place, at, *yaw)).collect();
@@ -220,6 +222,7 @@ impl Surveyor<'_> {
             .map(|members| Group {
                 arms: members.first().map(|&first| samples[first].arms.clone()).unwrap_or_default(),
                 spots: members.iter().filter_map(|&index| spots[index].take()).collect(),
+                more_may_fit,
                 slots: members.iter().filter_map(|&index| numbers[index]).collect(),
             })
             .filter(|group| !group.spots.is_empty())

@@ -8,6 +8,7 @@ use crate::run::Control;
 use crate::workcell::{ObjectId, SurfaceId};
 
 use super::graph::{GraphKind, ModeGraph, Place};
+use super::handoffs::reversed;
 use super::reach::{HandoffWitness, Hold, Reach, RestAction, RestContact};
 
 /// The proof that an action can be done.
@@ -17,6 +18,16 @@ pub enum Witness {
     Rest(RestWitness),
     /// Of a handoff.
     Handoff(HandoffWitness),
+}
+
+impl Witness {
+    /// The same case backwards in time.
+    pub(super) fn reversed(&self) -> Self {
+        match self {
+            Self::Rest(rest) => Self::Rest(rest.clone()),
+            Self::Handoff(handoff) => Self::Handoff(reversed(handoff)),
+        }
+    }
 }
 
 /// An arm at an object at rest: the proof that it can pick or place it.

@@ -12,4 +12,6 @@ pub use pipeline::{improve_with, plan, plan_with};
 #[cfg(test)]
 mod folder_tests;
 #[cfg(test)]
+mod problem_tests;
+#[cfg(test)]
 mod tests;

@@ -102,13 +102,15 @@ pub fn document(graph: &ModeGraph, problem: &Problem) -> Value {
                 "kind": "region", "surface": surface(region.surface), "class": region.class,
                 "arms": region.arms.iter().map(arm).collect::<Vec<_>>(),
                 "spots": region.spots.iter().filter_map(|spot| spot.poses.first()).map(pose).collect::<Vec<_>>(),
+                "more_may_fit": region.more_may_fit,
                 "merged": region.merged.iter().map(slot).collect::<Vec<_>>(),
             }),
             Place::Surface(this) => json!({ "kind": "surface", "surface": surface(*this) }),
         };
         let centre = node.centre;
         json!({
-            "name": graph.node_name(problem, index), "capacity": node.capacity, "place": place,
+            "name": graph.node_name(problem, index), "capacity": node.capacity,
+            "why": graph.why(problem, index), "place": place,
             "centre": { "x": centre.x, "y": centre.y, "z": centre.z },
         })
     });

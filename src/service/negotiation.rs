@@ -82,56 +82,81 @@ pub enum BundleFormat {
     TarGz,
 }
 
-/// How the headers say that a workcell is sent; JSON when they say nothing.
+/// How the headers say that a workcell is sent; JSON when they say nothing, as [`expect_json`] has it.
 ///
 /// # Errors
 /// [`ApiError::UnsupportedMediaType`] when they say something else.
 pub fn expect_bundle(headers: &HeaderMap) -> Result<BundleFormat, ApiError> {
-    let value = headers.get(header::CONTENT_TYPE).map(|value| value.to_str().unwrap_or_default());
-    let media_type =
-        value.unwrap_or_default().split(';').next().unwrap_or_default().trim().to_ascii_lowercase();
     let expected = "application/json, application/zip or application/gzip";
-    let found = |text: &str| text.chars().take(100).collect::<String>();
-    let format = match media_type.as_str() {
-        "application/zip" | "application/x-zip-compressed" => BundleFormat::Zip,
-        "application/gzip" | "application/x-gzip" | "application/x-tar+gzip" | "application/x-gtar" => {
+    let format = match media_type(headers).as_deref() {
+        Some("application/zip" | "application/x-zip-compressed") => BundleFormat::Zip,
+        Some("application/gzip" | "application/x-gzip" | "application/x-tar+gzip" | "application/x-gtar") => {
             BundleFormat::TarGz
         }
-        _ if expect_json(headers).is_ok() => BundleFormat::Json,
-        other => return Err(ApiError::UnsupportedMediaType { expected, found: found(other) }),
+        other if is_json(headers, other) => BundleFormat::Json,
+        other => return Err(unsupported(expected, other)),
     };
-    match headers.get(header::CONTENT_ENCODING) {
-        Some(value) if !value.as_bytes().eq_ignore_ascii_case(b"identity") => {
-            Err(ApiError::UnsupportedMediaType { expected, found: "compressed".to_owned() })
-        }
-        _ => Ok(format),
-    }
+    expect_plain(headers, expected)?;
+    Ok(format)
 }
 
-/// Checks that a body is plain JSON as far as its headers say.
+/// Checks that a body is plain JSON as far as its headers say. One without a type counts as JSON, unless
+/// it comes from a web page.
+///
+/// Browsers let any page send forms, plain text and bodies without a type to any address; for JSON they
+/// ask first. So no page makes a job here unasked.
 ///
 /// # Errors
 /// [`ApiError::UnsupportedMediaType`] when they say something else.
 pub fn expect_json(headers: &HeaderMap) -> Result<(), ApiError> {
-    if let Some(value) = headers.get(header::CONTENT_TYPE) {
-        let text = value.to_str().unwrap_or("something unreadable");
-        let media_type = text.split(';').next().unwrap_or_default().trim().to_ascii_lowercase();
-        // What curl says of any --data when it is told nothing.
-        let untold = media_type == "application/x-www-form-urlencoded";
-        let json = media_type == "application/json"
-            || (media_type.starts_with("application/") && media_type.ends_with("+json"));
-        if !json && !untold {
-            let found = text.chars().take(100).collect();
-            return Err(ApiError::UnsupportedMediaType { expected: "application/json", found });
-        }
+    let expected = "application/json";
+    let media_type = media_type(headers);
+    if !is_json(headers, media_type.as_deref()) {
+        return Err(unsupported(expected, media_type.as_deref()));
     }
+    expect_plain(headers, expected)
+}
+
+/// Checks that a body is a gRPC message as far as its headers say; tonic itself takes any type.
+///
+/// # Errors
+/// [`ApiError::UnsupportedMediaType`] when they say something else, or nothing.
+pub fn expect_grpc(headers: &HeaderMap) -> Result<(), ApiError> {
+    let media_type = media_type(headers);
+    match media_type.as_deref() {
+        Some(own) if own == "application/grpc" || own.starts_with("application/grpc+") => Ok(()),
+        other => Err(unsupported("application/grpc", other)),
+    }
+}
+
+/// The media type of the body without its parameters; `None` when the headers do not tell.
+fn media_type(headers: &HeaderMap) -> Option<String> {
+    let text = headers.get(header::CONTENT_TYPE)?.to_str().unwrap_or("something unreadable");
+    Some(text.split(';').next().unwrap_or_default().trim().to_ascii_lowercase())
+}
+
+/// Whether a body of that type counts as JSON.
+fn is_json(headers: &HeaderMap, media_type: Option<&str>) -> bool {
+    match media_type {
+        Some("application/json") => true,
+        Some(other) => other.starts_with("application/") && other.ends_with("+json"),
+        None => !headers.contains_key(header::ORIGIN),
+    }
+}
+
+/// Checks that a body is not encoded further.
+fn expect_plain(headers: &HeaderMap, expected: &'static str) -> Result<(), ApiError> {
     match headers.get(header::CONTENT_ENCODING) {
         Some(value) if !value.as_bytes().eq_ignore_ascii_case(b"identity") => {
-            let found = "compressed".to_owned();
-            Err(ApiError::UnsupportedMediaType { expected: "application/json", found })
+            Err(unsupported(expected, Some("compressed")))
         }
         _ => Ok(()),
     }
+}
+
+fn unsupported(expected: &'static str, found: Option<&str>) -> ApiError {
+    let found = found.unwrap_or("without a media type").chars().take(100).collect();
+    ApiError::UnsupportedMediaType { expected, found }
 }
 
 #[cfg(test)]
@@ -171,16 +196,41 @@ mod tests {
 
     #[test]
     fn bodies_are_json_or_say_nothing() {
-        let said = |name: header::HeaderName, value: &'static str| {
-            let headers = HeaderMap::from_iter([(name, HeaderValue::from_static(value))]);
-            expect_json(&headers).is_ok()
+        let alone = |name: header::HeaderName, value: &'static str| {
+            HeaderMap::from_iter([(name, HeaderValue::from_static(value))])
         };
+        let said = |name, value| expect_json(&alone(name, value)).is_ok();
         assert!(expect_json(&HeaderMap::new()).is_ok());
         assert!(said(header::CONTENT_TYPE, "application/json; charset=utf-8"));
         assert!(said(header::CONTENT_TYPE, "application/vnd.quadrille+json"));
-        assert!(!said(header::CONTENT_TYPE, "text/plain"));
-        assert!(!said(header::CONTENT_TYPE, "application/zip"));
+        for other in [
+            "text/plain",
+            "text/plain; charset=application/json",
+            "application/x-www-form-urlencoded",
+            "multipart/form-data; boundary=x",
+            "application/zip",
+            "",
+        ] {
+            assert!(!said(header::CONTENT_TYPE, other), "{other}");
+        }
         assert!(said(header::CONTENT_ENCODING, "identity"));
         assert!(!said(header::CONTENT_ENCODING, "gzip"));
+        // Web pages must say what they send.
+        let mut page = alone(header::ORIGIN, "null");
+        assert!(expect_json(&page).is_err() && expect_bundle(&page).is_err());
+        page.insert(header::CONTENT_TYPE, HeaderValue::from_static("application/json"));
+        assert!(expect_json(&page).is_ok() && expect_bundle(&page).is_ok());
+    }
+
+    #[test]
+    fn messages_are_grpc() {
+        let headers = |value| HeaderMap::from_iter([(header::CONTENT_TYPE, HeaderValue::from_static(value))]);
+        for good in ["application/grpc", "application/grpc+proto", "Application/GRPC; x=y"] {
+            assert!(expect_grpc(&headers(good)).is_ok(), "{good}");
+        }
+        for bad in ["text/plain", "application/json", "application/grpc-web", ""] {
+            assert!(expect_grpc(&headers(bad)).is_err(), "{bad}");
+        }
+        assert!(expect_grpc(&HeaderMap::new()).is_err());
     }
 }

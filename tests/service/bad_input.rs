@@ -187,6 +187,7 @@ async fn media_types_and_parameters_are_checked() {
     for (request, status, code) in [
         (post("/v1/jobs").header("content-type", "text/plain"), 415, "unsupported_media_type"),
         (post("/v1/jobs").header("content-encoding", "gzip"), 415, "unsupported_media_type"),
+        (post("/v1/jobs").header("origin", "http://elsewhere"), 415, "unsupported_media_type"),
         (post("/v1/plan").header("accept", "text/html"), 406, "not_acceptable"),
         (post("/v1/plan?cancel_on_disconnect=perhaps"), 400, "bad_parameter"),
         (post("/v1/plan?colour=red"), 400, "bad_parameter"),
@@ -206,5 +207,40 @@ async fn media_types_and_parameters_are_checked() {
         let reply = request.send().await.unwrap();
         assert_eq!(reply.status(), status, "{code}");
         assert_eq!(problem_document(reply).await["code"], code);
+    }
+}
+
+/// What browsers let any page send to any address, they do not let it do here.
+#[tokio::test]
+async fn web_pages_start_nothing_unasked() {
+    let server = Server::start(1, 8).await;
+    let body = problem("improve 1").to_string();
+    let simple =
+        ["application/x-www-form-urlencoded", "multipart/form-data; boundary=x", "text/plain;charset=UTF-8"];
+    let api = quadrille::service::openapi_document();
+    let operations = api["paths"].as_object().unwrap().iter().flat_map(|(path, methods)| {
+        methods.as_object().unwrap().iter().map(move |(method, operation)| (path, method, operation))
+    });
+    let mut refused = 0;
+    for (path, method, _) in operations.filter(|(_, _, operation)| operation["requestBody"].is_object()) {
+        let url = server.url(&path.replace("{id}", "cell"));
+        let send = || server.client.request(method.to_uppercase().parse().unwrap(), &url).body(body.clone());
+        let typed = simple.iter().map(|media| send().header("content-type", *media));
+        // A page may also send what has no type; its origin is then told by the browser.
+        for request in typed.chain([send().header("origin", "null")]) {
+            let document = server.refused(request, 415).await;
+            assert_eq!(document["code"], "unsupported_media_type", "{method} {path}");
+            refused += 1;
+        }
+    }
+    assert_eq!(refused, 5 * 4);
+    assert_eq!(server.json("/v1/jobs").await["jobs"], json!([]));
+    assert_eq!(server.json("/v1/workcells").await["workcells"], json!([]));
+    // Who has been let in, and who is no browser.
+    let page = server.client.post(server.url("/v1/validate")).header("origin", "http://elsewhere");
+    let allowed = page.header("content-type", "application/json").body(body.clone());
+    let untyped = server.client.post(server.url("/v1/validate")).body(body);
+    for request in [allowed, untyped] {
+        assert_eq!(request.send().await.unwrap().status(), 200);
     }
 }

@@ -215,6 +215,27 @@ async fn documents_in_messages_are_bounded_one_by_one() {
     }
 }
 
+/// Calls whose type browsers would let any page send.
+#[tokio::test]
+async fn what_is_no_grpc_calls_nothing() {
+    let server = Server::start(1, 8).await;
+    let put = server.client.put(server.url("/v1/workcells/cell")).json(&problem("x")["workcell"]);
+    assert_eq!(put.send().await.unwrap().status(), 201);
+    // A message that deletes the workcell: its frame, and the id as field 1.
+    let message = b"\0\0\0\0\x06\x0a\x04cell".to_vec();
+    let call = |media: &str| {
+        let url = server.url("/quadrille.v1.Planning/DeleteWorkcell");
+        server.client.post(url).header("content-type", media).body(message.clone())
+    };
+    for media in ["text/plain", "application/x-www-form-urlencoded", ""] {
+        let document = server.refused(call(media), 415).await;
+        assert_eq!(document["code"], "unsupported_media_type", "{media}");
+    }
+    assert_eq!(server.get("/v1/workcells/cell").await.status(), 200);
+    assert_eq!(call("application/grpc").send().await.unwrap().status(), 200);
+    assert_eq!(server.get("/v1/workcells/cell").await.status(), 404);
+}
+
 #[tokio::test]
 async fn health_tells_of_a_shutdown() {
     let server = Server::start(1, 8).await;

@@ -88,8 +88,9 @@ fn has(found: &Value, wanted: &Value) -> bool {
     }
 }
 
-/// Replaces `{"$scenario": name}` by that problem, `{"$workcell": name}` by its workcell.
-fn expanded(value: &Value) -> Value {
+/// Replaces `{"$scenario": name}` by that problem, `{"$workcell": name}` by its workcell, and
+/// `{"$reply": pointer}` by what the reply before has there.
+fn expanded(value: &Value, before: &Value) -> Value {
     let document = |name: &Value| -> Value {
         serde_json::from_str(quadrille::scenario::find(name.as_str().unwrap()).unwrap().text).unwrap()
     };
@@ -97,11 +98,14 @@ fn expanded(value: &Value) -> Value {
         Value::Object(map) if map.contains_key("$scenario") => {
             let mut whole = document(&map["$scenario"]);
             let others = map.iter().filter(|(key, _)| !key.starts_with('$'));
-            others.for_each(|(key, value)| whole[key] = expanded(value));
+            others.for_each(|(key, value)| whole[key] = expanded(value, before));
             whole
         }
         Value::Object(map) if map.contains_key("$workcell") => document(&map["$workcell"])["workcell"].take(),
-        Value::Object(map) => map.iter().map(|(key, value)| (key.clone(), expanded(value))).collect(),
+        Value::Object(map) if map.contains_key("$reply") => {
+            before.pointer(map["$reply"].as_str().unwrap()).unwrap().clone()
+        }
+        Value::Object(map) => map.iter().map(|(key, value)| (key.clone(), expanded(value, before))).collect(),
         other => other.clone(),
     }
 }
@@ -115,11 +119,11 @@ async fn examples_do_what_they_say() {
         fs::read_dir(api("examples")).unwrap().map(|entry| entry.unwrap().path()).collect();
     names.retain(|path| path.extension().is_some_and(|ending| ending == "json"));
     names.sort();
-    assert!(names.len() >= 6);
+    assert!(names.len() >= 8);
     for name in names {
         let server = Server::start(1, 8).await;
         let example: Value = serde_json::from_str(&fs::read_to_string(&name).unwrap()).unwrap();
-        let mut job = String::new();
+        let (mut job, mut before) = (String::new(), Value::Null);
         for exchange in example["exchanges"].as_array().unwrap() {
             let request = &exchange["request"];
             let (method, template) = (request["method"].as_str().unwrap(), request["path"].as_str().unwrap());
@@ -129,20 +133,23 @@ async fn examples_do_what_they_say() {
                 sent = sent.header(header, value.as_str().unwrap());
             }
             if let Some(body) = request.get("body") {
-                let body = body.as_str().map_or_else(|| expanded(body).to_string(), str::to_owned);
+                let body = body.as_str().map_or_else(|| expanded(body, &before).to_string(), str::to_owned);
                 sent = sent.header("content-type", "application/json").body(body);
             }
             let reply = sent.send().await.unwrap();
             let wanted = &exchange["reply"];
             let status = reply.status().as_u16();
-            if let Some(location) = reply.headers().get("location") {
+            let location = reply.headers().get("location");
+            if let Some(location) = location {
                 job = location.to_str().unwrap().rsplit('/').next().unwrap().to_owned();
             }
+            let route = exchange["route"].as_str().unwrap();
+            let method = method.to_lowercase();
+            let described = &api_document["paths"][route][&method]["responses"][status.to_string()];
+            assert_eq!(location.is_some(), described["headers"]["Location"].is_object(), "{method} {path}");
             let media = reply.headers().get("content-type").map(|kind| kind.to_str().unwrap().to_owned());
             let text = reply.text().await.unwrap();
             assert_eq!(status, wanted["status"], "{}: {path}: {text}", name.display());
-            let route = exchange["route"].as_str().unwrap();
-            let method = method.to_lowercase();
             match media.as_deref() {
                 None => assert!(text.is_empty()),
                 Some("application/x-ndjson") => {
@@ -161,6 +168,7 @@ async fn examples_do_what_they_say() {
                     let body: Value = serde_json::from_str(&text).unwrap();
                     assert_eq!(faults(&api_document, schema, &body), Vec::<String>::new(), "{path}");
                     assert!(has(&body, &wanted["body"]), "{}: {path}: {body}", name.display());
+                    before = body;
                 }
             }
         }

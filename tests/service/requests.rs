@@ -215,6 +215,7 @@ async fn limits_are_told_and_kept() {
     .await;
     let limits = server.json("/v1/limits").await;
     assert_eq!((&limits["arms"], &limits["jobs_per_client"]), (&json!(1), &json!(2)));
+    assert_eq!(limits["triangles_per_document"], json!(2_000_000));
     let told = service::limits_document(&ServiceConfig::default());
     assert_eq!(told.as_object().unwrap().len(), limits.as_object().unwrap().len());
     let reply = server.post("/v1/jobs", problem("wait").to_string()).await;

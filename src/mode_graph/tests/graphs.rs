@@ -283,6 +283,35 @@ fn printing_names_every_node_once() {
     }
 }
 
+#[test]
+fn capacities_say_whether_room_or_want_ended_them() {
+    // Two cubes stand on a narrow board so that few others find room beside them; a table is empty.
+    let [left, right] = [at(-0.69, 0.0, 0.0), at(-0.43, 0.0, 0.0)];
+    let mut cell = Cell::pair(vec![Cube::new((0, left), (0, left)), Cube::new((0, right), (0, right))]);
+    cell.tables[0].1 = [0.2, 0.035];
+    let problem = cell.problem();
+    let graph = build(&problem);
+    let mut seen = [0, 0];
+    for (node, found) in graph.nodes.iter().enumerate() {
+        let Place::Region(region) = &found.place else { continue };
+        let (spots, why) = (region.spots.len(), graph.why(&problem, node));
+        seen[region.surface.0] += 1;
+        if region.surface == SurfaceId(0) {
+            assert!(!region.more_may_fit && spots <= 2);
+            let s = if spots == 1 { "" } else { "s" };
+            assert_eq!(why, format!("{spots} spot{s} with room for fingers, no room for more was found"));
+        } else {
+            assert!(region.more_may_fit && spots > 2);
+            let enough = "which is enough for the 2 objects of the class at once";
+            assert_eq!(why, format!("at least {spots} spots with room for fingers, {enough}"));
+        }
+        let (text, dot) = (graph.to_text(&problem), graph.to_dot(&problem));
+        let said = format!("capacity {} ({why})", found.capacity);
+        assert!(text.contains(&said) && dot.contains(&said));
+    }
+    assert_eq!(seen, [1, 1]);
+}
+
 /// Cells with one to three arms, two tables and cubes anywhere on them.
 fn cells() -> impl Strategy<Value = Cell> {
     let place = || (0..2_usize, -0.15..0.15_f64, -0.15..0.15_f64, 0.0..1.5_f64);

@@ -9,7 +9,7 @@ use axum::Router;
 use axum::body::Body;
 use axum::extract::{Request, State};
 use axum::middleware::{self, Next};
-use axum::response::Response;
+use axum::response::{IntoResponse, Response};
 use tonic::Status;
 use tonic::server::NamedService;
 use tonic::service::Routes;
@@ -20,6 +20,7 @@ use self::planning::PlanningService;
 use self::proto::planning_server::PlanningServer;
 use super::App;
 use super::body::read;
+use super::negotiation::expect_grpc;
 
 /// What `api/quadrille/v1/planning.proto` defines, messages, server and client.
 #[allow(missing_docs, clippy::all, clippy::pedantic)]
@@ -63,11 +64,14 @@ pub(super) fn router(app: Arc<App>) -> Router {
 }
 
 /// Receives the message of a call to the planning service as HTTP receives a body: bounded in size and
-/// time, and in memory together with all others.
+/// time, and in memory together with all others. What is no gRPC gets HTTP's own refusal, 415.
 async fn receive(State(app): State<Arc<App>>, request: Request, next: Next) -> Response {
     let ours = request.uri().path().split('/').nth(1) == Some(PlanningServer::<PlanningService>::NAME);
     if !ours {
         return next.run(request).await;
+    }
+    if let Err(error) = expect_grpc(request.headers()) {
+        return error.into_response();
     }
     // A problem and a plan, each within the bound.
     let largest = app.config.read_limits.max_bytes.saturating_mul(2).saturating_add(ENVELOPE);

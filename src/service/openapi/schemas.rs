@@ -99,7 +99,7 @@ fn plans() -> Vec<(&'static str, Value)> {
                     "schedule": { "enum": ["synchronous", "asynchronous"] }, "metrics": reference("Metrics"),
                     "arms": list(open(&["id", "joint_names", "points"], json!({
                         "id": text(), "joint_names": list(text()),
-                        "points": list(open(&["t", "q", "qd"], json!({
+                        "points": list(open(&["t", "q", "qd", "qdd"], json!({
                             "t": number(), "q": numbers(), "qd": numbers(), "qdd": numbers(),
                         }))),
                     }))),

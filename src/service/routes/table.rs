@@ -24,6 +24,8 @@ pub(in crate::service) struct Reply {
     pub status: u16,
     pub about: &'static str,
     pub content: &'static [(&'static str, &'static str)],
+    /// Whether `Location` leads to what was made or asked for.
+    pub location: bool,
 }
 
 /// What the document says of one method of one route.
@@ -72,7 +74,12 @@ impl Operation {
 }
 
 fn reply(status: u16, about: &'static str, content: &'static [(&'static str, &'static str)]) -> Reply {
-    Reply { status, about, content }
+    Reply { status, about, content, location: false }
+}
+
+/// A reply with a `Location`.
+fn located(status: u16, about: &'static str, content: &'static [(&'static str, &'static str)]) -> Reply {
+    Reply { location: true, ..reply(status, about, content) }
 }
 
 fn path(name: &'static str, schema: &'static str, about: &'static str) -> Parameter {
@@ -164,7 +171,7 @@ fn job_routes() -> Vec<Route> {
                     query("cancel_on_disconnect", r#"{"type": "boolean", "default": false}"#, "Ends the job when the client leaves that made it."),
                     idempotency(),
                 ],
-                vec![reply(200, "The job's events up to the terminal one; `Location` is the job.", STREAM)],
+                vec![located(200, "The job's events up to the terminal one; `Location` is the job.", STREAM)],
                 SUBMIT_REFUSALS,
             )
             .takes(JOB_BODY),
@@ -176,7 +183,7 @@ fn job_routes() -> Vec<Route> {
                     "createJob",
                     "Makes a job. Once it is accepted, it survives the process.",
                     vec![idempotency()],
-                    vec![reply(202, "The job; `Location` is its path.", job)],
+                    vec![located(202, "The job; `Location` is its path.", job)],
                     &[400, 408, 413, 415, 422, 429, 500, 503],
                 )
                 .takes(JOB_BODY),
@@ -220,7 +227,10 @@ fn job_routes() -> Vec<Route> {
                     query("after", r#"{"type": "integer", "minimum": 0}"#, "Only events with greater numbers."),
                     header("Last-Event-ID", r#"{"type": "integer", "minimum": 0}"#, "As `after`; the greater of the two counts."),
                 ],
-                vec![reply(200, "The events up to the terminal one.", STREAM), reply(204, "You have them all.", &[])],
+                vec![
+                    located(200, "The events up to the terminal one; `Location` is the job.", STREAM),
+                    reply(204, "You have them all.", &[]),
+                ],
                 &[400, 404, 406, 429, 500, 503],
             ),
         ),
@@ -272,7 +282,7 @@ fn workcell_routes() -> Vec<Route> {
                     "Registers a workcell: JSON, or an archive of `workcell.json` with what it refers to. A problem's \
                      `workcell` may then be its id or digest.",
                     vec![path("id", r#"{"type": "string", "pattern": "^[A-Za-z0-9_.-]{1,64}$"}"#, "The id.")],
-                    vec![reply(200, "The id led elsewhere before, or nothing has changed.", cell), reply(201, "The id is new.", cell)],
+                    vec![reply(200, "The id led elsewhere before, or nothing has changed.", cell), located(201, "The id is new; `Location` is its path.", cell)],
                     WORKCELL_REFUSALS,
                 )
                 .takes(&[(JSON, "Workcell"), ("application/zip", "Archive"), ("application/gzip", "Archive")]),
