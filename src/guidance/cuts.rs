@@ -131,6 +131,8 @@ pub(super) struct Tolls {
     actions: Vec<Vec<(Move, u32)>>,
     arms: Vec<u32>,
     pairs: Vec<Pair>,
+    /// By object, the pairs of which it takes one side, and which one.
+    pairs_of: Vec<Vec<(u32, u8)>>,
     blocks: Vec<Block>,
     /// By object, the blocks in which it is the one that acts or the one in the way.
     blocks_of: Vec<Vec<u32>>,
@@ -169,6 +171,7 @@ impl Tolls {
         tolls.arms = vec![0; network.node_count()];
         tolls.actions = vec![Vec::new(); network.object_count()];
         tolls.blocks_of = vec![Vec::new(); network.object_count()];
+        tolls.pairs_of = vec![Vec::new(); network.object_count()];
         for cut in cuts.active() {
             match cut.kind {
                 CutKind::Action(action) => {
@@ -182,11 +185,18 @@ impl Tolls {
                         tolls.arms[node as usize] += cut.penalty;
                     }
                 }
-                CutKind::Pair(a, b) => tolls.pairs.push(Pair {
-                    sides: [a, b],
-                    penalty: cut.penalty,
-                    happens: [vec![0; horizon], vec![0; horizon]],
-                }),
+                CutKind::Pair(a, b) => {
+                    for (side, action) in [a, b].into_iter().enumerate() {
+                        if let Some(own) = tolls.pairs_of.get_mut(action.object) {
+                            own.push((tolls.pairs.len() as u32, side as u8));
+                        }
+                    }
+                    tolls.pairs.push(Pair {
+                        sides: [a, b],
+                        penalty: cut.penalty,
+                        happens: [vec![0; horizon], vec![0; horizon]],
+                    });
+                }
                 CutKind::Blocked { action, by, at } => {
                     for object in [action.object, by] {
                         if let Some(own) = tolls.blocks_of.get_mut(object) {
@@ -214,15 +224,12 @@ impl Tolls {
 
     /// Enters (`sign` 1) or takes out (`u16::MAX`) the route of `object`.
     pub(super) fn enter(&mut self, object: usize, route: &[u16], sign: u16) {
-        for pair in &mut self.pairs {
-            for (side, happens) in pair.sides.iter().zip(&mut pair.happens) {
-                if side.object != object {
-                    continue;
-                }
-                for (step, ends) in route.windows(2).enumerate() {
-                    if side.from.0 == ends[0] as usize && side.to.0 == ends[1] as usize {
-                        happens[step] = happens[step].wrapping_add(sign);
-                    }
+        for &(index, side) in self.pairs_of.get(object).into_iter().flatten() {
+            let pair = &mut self.pairs[index as usize];
+            let (action, happens) = (pair.sides[side as usize], &mut pair.happens[side as usize]);
+            for (step, ends) in route.windows(2).enumerate() {
+                if action.from.0 == ends[0] as usize && action.to.0 == ends[1] as usize {
+                    happens[step] = happens[step].wrapping_add(sign);
                 }
             }
         }
@@ -269,11 +276,10 @@ impl Tolls {
                 sum += u64::from(block.penalty);
             }
         }
-        for pair in &self.pairs {
-            for (side, other) in [(0, 1), (1, 0)] {
-                if same(&pair.sides[side]) && pair.happens[other][step] > 0 {
-                    sum += u64::from(pair.penalty);
-                }
+        for &(index, side) in self.pairs_of.get(object).into_iter().flatten() {
+            let pair = &self.pairs[index as usize];
+            if same(&pair.sides[side as usize]) && pair.happens[1 - side as usize][step] > 0 {
+                sum += u64::from(pair.penalty);
             }
         }
         sum

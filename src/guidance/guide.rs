@@ -109,12 +109,20 @@ impl Guidance for Smart {
         let answer = match memo.find(network, state, cuts) {
             Some(answer) => answer,
             None => {
-                let hint = if cuts.is_empty() { None } else { memo.hint(network, state) };
-                let hint = hint.as_ref();
-                let mut answer = solve_near(network, state, cuts, &self.effort, self.seed, control, hint)?;
-                if matches!(answer, Answer::Unknown { .. }) && cuts.is_empty() && !control.should_stop() {
-                    // Better late than lost.
-                    answer = solve(network, state, cuts, &Effort::thorough(), self.seed, control)?;
+                let mut hint = if cuts.is_empty() { None } else { memo.hint(network, state) };
+                if hint.is_none() && !cuts.is_empty() && network.object_count() > FEW_OBJECTS {
+                    hint = self.without_cuts(network, state, memo, control)?;
+                }
+                let mut answer =
+                    solve_near(network, state, cuts, &self.effort, self.seed, control, hint.as_ref())?;
+                if matches!(answer, Answer::Unknown { .. }) && !control.should_stop() {
+                    // Better late than lost, and better dear than none.
+                    if cuts.is_empty() {
+                        answer = solve(network, state, cuts, &Effort::thorough(), self.seed, control)?;
+                    } else if let Some(plan) = self.without_cuts(network, state, memo, control)? {
+                        answer =
+                            solve_near(network, state, cuts, &self.effort, self.seed, control, Some(&plan))?;
+                    }
                 }
                 memo.keep(state, &answer, cuts);
                 answer
@@ -127,6 +135,35 @@ impl Guidance for Smart {
             Answer::Infeasible(reason) => Advice::Infeasible(reason),
             Answer::Unknown { lower_bound } => Advice::Unknown { lower_bound },
         })
+    }
+}
+
+/// Objects up to which a plan that avoids cuts is made at once; with more it is easier to change one that does
+/// not.
+const FEW_OBJECTS: usize = 16;
+
+impl Smart {
+    /// A plan from `state` that minds no cuts.
+    fn without_cuts(
+        &self,
+        network: &Network,
+        state: &[NodeId],
+        memo: &mut Memo,
+        control: &Control,
+    ) -> Result<Option<Solution>, InstanceError> {
+        let none = Cuts::none();
+        let answer = match memo.find(network, state, &none) {
+            Some(answer) => answer,
+            None => {
+                let mut answer = solve(network, state, &none, &self.effort, self.seed, control)?;
+                if matches!(answer, Answer::Unknown { .. }) && !control.should_stop() {
+                    answer = solve(network, state, &none, &Effort::any_plan(), self.seed, control)?;
+                }
+                memo.keep(state, &answer, &none);
+                answer
+            }
+        };
+        Ok(answer.solution().cloned())
     }
 }
 

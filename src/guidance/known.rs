@@ -331,6 +331,24 @@ fn a_clash_at_one_slot_is_none_at_its_twin() {
 }
 
 #[test]
+fn solving_ends_soon_after_it_is_told_to() {
+    // States of so many objects have more joint steps than can be listed, and programs of such a size keep the
+    // solver in its presolve for long.
+    let grid = Grid { depth: 4, lanes: 4, diagonals: true };
+    let instances =
+        [grid.switch(18), grid.refined(20, &mut Seed(3).stream("guidance/limits")), derangement(2, 9)];
+    for (case, instance) in instances.into_iter().enumerate() {
+        let network = Network::new(instance).unwrap();
+        let state = network.instance().start();
+        let budget = std::time::Duration::from_millis(40);
+        let control = Control::with_budget(budget);
+        solve(&network, &state, &Cuts::none(), &Effort::thorough(), Seed(1), &control).unwrap();
+        // Ten times what it takes; without a limit it was minutes.
+        assert!(control.deadline.elapsed_s() < 2.0, "case {case}: {} s", control.deadline.elapsed_s());
+    }
+}
+
+#[test]
 fn malformed_instances_are_refused() {
     let fault = |change: &dyn Fn(&mut Instance)| {
         let mut instance = small();

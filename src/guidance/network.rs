@@ -1,8 +1,8 @@
 //! An instance compiled for the solvers: adjacency per class, limited resources, distances to
 //! goals. Built once per instance, used from any state of it.
 
-use super::instance::{Goal, Instance, InstanceError, NodeId, NodeKind};
-use super::solution::Move;
+use super::instance::{Goal, Instance, InstanceError, ModeState, NodeId, NodeKind};
+use super::solution::{Move, Solution};
 use std::collections::{BTreeMap, BTreeSet};
 use std::ops::Range;
 
@@ -246,6 +246,13 @@ impl Network {
             .filter(|ends| ends[0] != ends[1])
             .map(|ends| u64::from(graph.weight_to(ends[0] as usize, ends[1] as usize)))
             .sum()
+    }
+
+    /// The plan that takes `steps` from `start`, with its weight; whether it keeps the rules is for
+    /// [`super::check`] to say.
+    pub fn solution(&self, start: ModeState, steps: Vec<Vec<Move>>) -> Solution {
+        let weight = self.weight_of_steps(&steps);
+        Solution { start, steps, weight }
     }
 
     /// Sum of the true weights of the edges taken in `steps`.

@@ -59,6 +59,12 @@ impl Effort {
         }
     }
 
+    /// For any plan, where a quick look finds none.
+    pub fn any_plan() -> Self {
+        let thorough = Self::thorough();
+        Self { repair_rounds: 0, refutations: 0, states: 0, program_iterations: 0, ..thorough }
+    }
+
     /// For an answer that is to be proved.
     pub fn thorough() -> Self {
         Self {
@@ -172,6 +178,11 @@ const FIRST_STATES: usize = 150;
 const USUAL_NEIGHBOURHOOD: usize = 4;
 /// Horizons that fail before it is suspected that there is no plan at all.
 const SUSPICIOUS: usize = 5;
+/// What a plan costs beyond its steps from which on others are made anew, where there are this many objects at
+/// most; and how many steps those may have beyond.
+const DEAR: u64 = 6;
+const FEW_OBJECTS: usize = 16;
+const LITTLE_LONGER: usize = 6;
 /// States looked at upon that suspicion.
 const FEW_STATES: usize = 1_000;
 
@@ -506,9 +517,15 @@ impl<'a> Run<'a> {
             return;
         }
         let longest = 4 * (self.lower + 2 * self.network.object_count() + 4);
-        let mut horizon = self.lower;
         let mut least = u64::MAX;
-        while horizon <= longest && (horizon as u64) < least && !self.control.should_stop() {
+        self.anew_under_cuts(self.lower, longest, &mut least);
+    }
+
+    /// Makes plans anew that avoid the cuts, from `shortest` steps on, as long as a longer one can cost less than
+    /// `least`.
+    fn anew_under_cuts(&mut self, shortest: usize, longest: usize, least: &mut u64) {
+        let mut horizon = shortest;
+        while horizon <= longest && (horizon as u64) < *least && !self.control.should_stop() {
             for shuffled in [false, true] {
                 self.repair.all_slots(shuffled);
                 if self.repair.begin(horizon, self.cuts, shuffled)
@@ -516,27 +533,32 @@ impl<'a> Run<'a> {
                 {
                     self.repair.dodge(2 * self.effort.polish_rounds, self.control);
                     self.repair.polish(self.effort.polish_rounds, self.control);
-                    self.keep_cheapest(&mut least);
+                    self.keep_cheapest(least);
                 }
             }
-            horizon += 1 + (horizon - self.lower) / 4;
+            horizon += 1 + (horizon - shortest) / 4;
         }
     }
 
-    /// Changes the routes of a known plan, at its own and at a few longer horizons.
+    /// Changes the routes of a known plan, at its own and at a few longer horizons; where that leaves a plan that
+    /// is dear, a few are made anew.
     fn away_from_cuts(&mut self, hint: &Solution) {
         let steps = hint.steps.len();
         let mut least = steps as u64 + self.cuts.penalty(&hint.start, &hint.steps);
         self.best = Some(hint.clone());
         self.repair.all_slots(true);
+        let few = self.network.object_count() <= FEW_OBJECTS;
         for horizon in [steps, steps + 1, steps + 2, steps + 4] {
-            if least <= horizon as u64 || self.control.should_stop() {
+            if !few && horizon > steps + 1 || least <= horizon as u64 || self.control.should_stop() {
                 return;
             }
             self.repair.take_over(routes_of(hint, horizon), self.cuts);
             let rounds = self.affordable(2 * self.effort.polish_rounds, 3, horizon);
             self.repair.dodge(rounds, self.control);
             self.keep_cheapest(&mut least);
+        }
+        if least >= steps as u64 + DEAR && few {
+            self.anew_under_cuts(steps, steps + LITTLE_LONGER, &mut least);
         }
     }
 

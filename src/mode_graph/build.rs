@@ -104,7 +104,7 @@ pub fn build_mode_graph(
         let member = problem.objects.iter().position(|object| object.class == class).unwrap_or(0);
         let (reach, meetings) = (&mut *surveyor.reach, &mut surveyor.meetings);
         let (handovers, complete) =
-            handoffs(problem, reach, &proof, ObjectId(member), holds, meetings, control);
+            handoffs(problem, reach, &proof, ObjectId(member), (holds, &groups), meetings, control);
         surveyor.complete &= complete;
         surveys.insert(class, ClassSurvey { groups, handovers });
     }

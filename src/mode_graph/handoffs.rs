@@ -1,12 +1,14 @@
 //! Which arms can hand over to which, for one class of objects.
 
+use crate::geometry::Pose;
 use crate::problem::Problem;
 use crate::run::Control;
-use crate::workcell::{Arm, ArmId, ObjectId, ObjectModel};
+use crate::workcell::{Arm, ArmId, ObjectId, ObjectModel, SurfaceId};
 
 use super::holds::{ArmHolds, RestHolds, is_same};
 use super::proof::Proof;
 use super::reach::{HandoffWitness, Hold, Reach, RestAction};
+use super::survey::Group;
 
 /// A pair of arms that can hand over, with a case of it.
 #[derive(Debug)]
@@ -64,15 +66,20 @@ pub(super) fn reversed(witness: &HandoffWitness) -> HandoffWitness {
     }
 }
 
+/// Spots of each region by which further holds are looked for.
+const FURTHER_SPOTS: usize = 3;
+
 /// All ordered pairs of arms that can hand over objects like `object`: the giver in a hold that it
 /// can come by, by a pick or an earlier handoff, the receiver in one that it can place, or else
-/// pass on. The second value is `false` when `control` stopped it.
+/// pass on. Where arms do not come together by the `holds` of starts and goals, an object may be put
+/// down in one of the `regions` and taken up in another way in between. The second value is `false`
+/// when `control` stopped it.
 pub(super) fn handoffs(
     problem: &Problem,
     reach: &mut dyn Reach,
     proof: &Proof<'_>,
     object: ObjectId,
-    holds: &RestHolds,
+    (holds, regions): (&RestHolds, &[(SurfaceId, Group)]),
     meetings: &mut Meetings,
     control: &Control,
 ) -> (Vec<Handover>, bool) {
@@ -96,26 +103,12 @@ pub(super) fn handoffs(
         placeable: holds.placeable.clone(),
         found: Vec::new(),
     };
-    // How many holds the giver had when the pair was tried last.
-    let mut tried = vec![0; pairs.len()];
-    loop {
-        let mut changed = false;
-        for (index, &(a, b)) in pairs.iter().enumerate() {
-            let count = finder.obtained[a].likely.len();
-            if finder.is_known(a, b) || count <= tried[index] {
-                continue;
-            }
-            if control.should_stop() {
-                return (finder.found, false);
-            }
-            tried[index] = count;
-            let passes_on = pairs.iter().any(|&(from, to)| from == b && to != a);
-            changed |= finder.find(ArmId(a), ArmId(b), passes_on);
-        }
-        if !changed {
-            return (finder.found, true);
-        }
+    let mut complete = finder.look(&pairs, false, control);
+    if complete && pairs.iter().any(|&(a, b)| !finder.leads(a, b)) {
+        finder.add_spots(regions);
+        complete = finder.look(&pairs, true, control);
     }
+    (finder.found, complete)
 }
 
 /// Every grasp of the object that fits the arm's gripper.
@@ -166,6 +159,65 @@ impl<'a> Finder<'a> {
 }
 
 impl Finder<'_> {
+    /// Looks for handoffs of all `pairs`, or of those alone that have no way from the one to the other, until no
+    /// more are found; whether it came to the end.
+    fn look(&mut self, pairs: &[(usize, usize)], apart_only: bool, control: &Control) -> bool {
+        // How many holds the giver had when the pair was tried last.
+        let mut tried = vec![0; pairs.len()];
+        loop {
+            let mut changed = false;
+            for (index, &(a, b)) in pairs.iter().enumerate() {
+                let count = self.obtained[a].likely.len();
+                if self.is_known(a, b) || count <= tried[index] || apart_only && self.leads(a, b) {
+                    continue;
+                }
+                if control.should_stop() {
+                    return false;
+                }
+                tried[index] = count;
+                let passes_on = pairs.iter().any(|&(from, to)| from == b && to != a);
+                changed |= self.find(ArmId(a), ArmId(b), passes_on);
+            }
+            if !changed {
+                return true;
+            }
+        }
+    }
+
+    /// Whether objects can go from one arm's hand to another's, over any others.
+    fn leads(&self, from: usize, to: usize) -> bool {
+        let mut reached = vec![from];
+        let mut next = 0;
+        while let Some(&at) = reached.get(next) {
+            next += 1;
+            for pair in self.found.iter().filter(|pair| pair.giver.0 == at) {
+                if !reached.contains(&pair.receiver.0) {
+                    reached.push(pair.receiver.0);
+                }
+            }
+        }
+        reached.contains(&to)
+    }
+
+    /// Adds the holds that arms have at a few spots of their regions.
+    fn add_spots(&mut self, regions: &[(SurfaceId, Group)]) {
+        for (surface, group) in regions {
+            let stride = group.spots.len().div_ceil(FURTHER_SPOTS).max(1);
+            let poses = group.spots.iter().step_by(stride).filter_map(|spot| spot.poses.first().copied());
+            for pose in poses.collect::<Vec<Pose>>() {
+                for &arm in &group.arms {
+                    for (action, known) in [
+                        (RestAction::Pick, &mut self.obtained[arm.0]),
+                        (RestAction::Place, &mut self.placeable[arm.0]),
+                    ] {
+                        let likely = self.reach.possible_holds(action, arm, self.object, &pose, *surface);
+                        known.add(self.object, &[pose], *surface, &likely);
+                    }
+                }
+            }
+        }
+    }
+
     fn is_known(&self, giver: usize, receiver: usize) -> bool {
         self.found.iter().any(|pair| pair.giver.0 == giver && pair.receiver.0 == receiver)
     }

@@ -403,3 +403,26 @@ fn assemble(
     });
     (still_free && find_conflict(world, &motion).is_none()).then_some(motion)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_cheaper_parent_makes_all_that_hangs_on_a_node_cheaper() {
+        // 0 -> 1 -> 2 -> 3, and 4 beside 1.
+        let node = |parent, cost| Node { q: Vec::new(), at: Vec::new(), parent, cost };
+        let mut tree = [node(0, 0.0), node(0, 5.0), node(1, 7.0), node(2, 8.0), node(0, 1.0)];
+        reconnect(&mut tree, 2, 4, 3.0);
+        let costs: Vec<f64> = tree.iter().map(|node| node.cost).collect();
+        assert_eq!(costs, [0.0, 5.0, 3.0, 4.0, 1.0]);
+        assert_eq!(tree[2].parent, 4);
+        assert_eq!(way_to(&tree, 3).len(), 4);
+    }
+
+    #[test]
+    fn each_order_has_every_arm_once() {
+        assert_eq!(in_order(3, Order::Together), [0, 1, 2]);
+        assert_eq!(in_order(3, Order::Descending), [2, 1, 0]);
+    }
+}

@@ -221,3 +221,40 @@ fn a_plan_without_rests_between_its_steps_is_a_bound_alone() {
     plan.actions.clear();
     assert_eq!(resumed(&problem, &plan, 0).0, Err(NotResumed::NoSteps));
 }
+
+#[test]
+fn threads_go_on_from_each_others_plans() {
+    let mut problem = random_2x2(4);
+    problem.options.max_iterations = Some(400);
+    problem.options.threads = 2;
+    let mut found: Vec<Plan> = Vec::new();
+    let mut judged = (0, 0);
+    let outcome =
+        plan_with(&PlannerCache::new(0), &problem, &Control::unbounded(), &mut |event| match event {
+            PlannerEvent::Incumbent(plan) => found.push(plan.clone()),
+            PlannerEvent::Judged { valid, .. } => {
+                judged.0 += 1;
+                judged.1 += usize::from(valid);
+            }
+            PlannerEvent::Progress { .. } => {}
+        });
+    assert!(found.len() > 2, "{:?}", outcome.diagnosis);
+    assert_eq!(judged.0, judged.1, "a plan that the judge rejects");
+    for pair in found.windows(2) {
+        let [before, after] = pair else { unreachable!() };
+        assert_eq!(after.revision, before.revision + 1);
+        let cost = |plan: &Plan| plan.metrics.cost(problem.options.objective);
+        assert!(cost(after) < cost(before));
+    }
+    for plan in &found {
+        assert!(verify(&problem, plan).valid);
+    }
+    // A search that never had a plan of its own goes on from one of another.
+    let goal = found.last().unwrap();
+    let (answer, better) = resumed(&problem, goal, 300);
+    assert_eq!(answer, Ok(()));
+    for candidate in better {
+        let objective = problem.options.objective;
+        assert!(candidate.cost(objective) < goal.metrics.cost(objective));
+    }
+}

@@ -15,7 +15,7 @@
 //!
 //! Both are meant for the problem as the mode graph of the run knows it: its edges and the places of its
 //! regions were sampled once, and rules learnt from many failures (`clashes.rs`) stand for the run. A step's
-//! motion is planned as a whole, so that a tau has few vertices and no tree of its own; and a step ends when
+//! motion is planned as a whole (`step.rs`), so that a tau has few vertices and no tree of its own; and a step ends when
 //! all its actions do.
 
 mod candidate;
@@ -36,6 +36,7 @@ mod rewire;
 mod select;
 mod settings;
 mod smart;
+mod step;
 #[cfg(test)]
 mod tests;
 mod tree;

@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use crate::collision::Exemption;
 use crate::geometry::{Pose, Vec3};
-use crate::guidance::{Move, NodeId, Solution, check};
+use crate::guidance::{Move, NodeId, check};
 use crate::kinematics::Config;
 use crate::motion::{ArmGoal, ArmMotion, ArmTask, Departure, StepMotion, StepTask, windows};
 use crate::plan::{Action, ActionKind, Plan};
@@ -111,8 +111,7 @@ impl Search<'_> {
     /// Puts the vertices after the first, which is the root, into the tree.
     fn enter(&mut self, vertices: Vec<Vertex>, steps: Vec<Vec<Move>>, control: &Control) {
         let network = self.network.clone();
-        // The memo reads the weight off the network.
-        let solution = Solution { start: self.tree[0].mode.clone(), steps, weight: 0.0 };
+        let solution = network.solution(self.tree[0].mode.clone(), steps);
         if check(network.instance(), &solution).is_ok() {
             self.memo.suggest(&solution);
         }

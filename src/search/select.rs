@@ -5,7 +5,7 @@ use std::collections::BTreeSet;
 use rand::Rng as _;
 use rand::seq::IndexedRandom;
 
-use crate::guidance::{Advice, CutKind, Cuts, Guide, Memo, Move, Solution, check};
+use crate::guidance::{Advice, CutKind, Cuts, Guide, Memo, Move, check};
 use crate::motion::StepFailure;
 use crate::problem::{GuidanceKind, Objective};
 use crate::run::Control;
@@ -22,10 +22,13 @@ use super::tree::Vertex;
 /// its way.
 const REVISIONS: usize = 6;
 
+/// The same where there are many objects.
+const FEW_REVISIONS: usize = 2;
+
 /// Vertices whose guides are asked for again in one selection.
 const MOST_ASKED: usize = 4;
 
-/// Objects up to which another first action is often looked at with a new plan for all that follows.
+/// Objects up to which a new plan for all that follows is asked for freely.
 const MOST_REPLANNED: usize = 16;
 
 /// Steps that a plan may take rather than do what another object blocks, or rather than rely on
@@ -112,6 +115,7 @@ impl Search<'_> {
     pub(super) fn guide(&mut self, tau: usize, control: &Control) {
         let mode = self.tree[tau].mode.clone();
         self.tree[tau].guided_at = self.version;
+        tracing::debug!(tau, cuts = self.cuts.active().len(), "asking the guidance");
         match self.guidance.guide(&self.network, &mode, &self.cuts, &mut self.memo, control) {
             Ok(Advice::Go(guide)) => {
                 let penalty = self.cuts.penalty(&mode, &guide.solution.steps);
@@ -148,8 +152,11 @@ impl Search<'_> {
             if outline.obstructions.is_empty() || !hopeful {
                 return Some((guide, outline));
             }
+            for Obstruction { leg, why } in &outline.obstructions {
+                tracing::debug!(tau, round, object = leg.object, ?why, "something is in the way");
+            }
             self.learn(&outline.obstructions);
-            if round == REVISIONS {
+            if round == if self.has_few_objects() { REVISIONS } else { FEW_REVISIONS } {
                 return Some((guide, outline));
             }
             self.guide(tau, control);
@@ -233,13 +240,17 @@ impl Search<'_> {
             return Some(guide);
         }
         // A whole new plan for what follows is dear where there are many objects.
-        let few = self.problem.objects.len() <= MOST_REPLANNED;
-        let other = if self.rng.random_bool(if few { 0.7 } else { 0.05 }) {
+        let other = if self.rng.random_bool(if self.has_few_objects() { 0.7 } else { 0.05 }) {
             self.another_first_action(tau, &guide, control)
         } else {
             self.under_a_cut(tau, &guide, control)
         };
         other.or(Some(guide))
+    }
+
+    /// Whether a new plan for all objects is quickly made.
+    pub(super) fn has_few_objects(&self) -> bool {
+        self.problem.objects.len() <= MOST_REPLANNED
     }
 
     /// A guide that begins with another action than the tau's own, and is mostly hardly longer.
@@ -270,7 +281,7 @@ impl Search<'_> {
         }
         let mut steps = vec![vec![action]];
         steps.extend(rest.steps);
-        let solution = Solution { start: mode, steps, weight: rest.weight };
+        let solution = network.solution(mode, steps);
         check(instance, &solution).ok()?;
         Some(Guide::along(network, solution, None))
     }

@@ -7,7 +7,8 @@ use rand::Rng as _;
 
 use crate::collision::CollisionWorld;
 use crate::guidance::{
-    Answer, Certificate, Cuts, Effort, Greedy, Guidance, Guide, Memo, Network, Sequential, Smart, solve,
+    Answer, Certificate, Cuts, Effort, Greedy, Guidance, Guide, Memo, Network, Proof, Sequential, Smart,
+    solve,
 };
 use crate::motion::{Roadmap, StepPlanner};
 use crate::problem::{GuidanceKind, InitialPlacement, Objective, Problem};
@@ -23,6 +24,9 @@ use super::outline::Outline;
 use super::select::cost_so_far;
 use super::settings::Settings;
 use super::tree::{ArmState, Step, Vertex, Whereabouts};
+
+/// Failures that count against a tau from which a step was done in part only.
+const DONE_IN_PART: u32 = 2;
 
 /// What one iteration brought.
 #[derive(Debug)]
@@ -190,6 +194,17 @@ impl<'a> Search<'a> {
             return Report::Nothing;
         };
         self.tree[tau].expansions += 1;
+        let vertex = &self.tree[tau];
+        tracing::debug!(
+            iteration = self.iterations,
+            tau,
+            depth = vertex.depth,
+            remaining = vertex.remaining(),
+            penalty = vertex.penalty,
+            cuts = self.cuts.active().len(),
+            actions = guide.immediate.len(),
+            "extending"
+        );
         match self.extend(tau, &guide, outline, control) {
             Some(new) => {
                 let is_goal = self.tree[new].is_goal;
@@ -241,46 +256,30 @@ impl<'a> Search<'a> {
         mut outline: Outline,
         control: &Control,
     ) -> Option<usize> {
-        let thorough = self.tree[tau].failures > 0;
-        let mut moved = None;
-        let mut failures = Vec::new();
-        let mut crowds = Vec::new();
         let attempts = self.settings.groundings.min(2 + 2 * self.tree[tau].failures as usize);
-        for attempt in 0..attempts {
-            if control.should_stop() {
-                return None;
-            }
-            if attempt > 0 || self.tree[tau].expansions > 1 {
-                self.grounder.renew(&self.tree[tau], guide, &mut outline);
-            }
-            let grounding = match self.grounder.ground(&self.tree[tau], guide, &outline) {
-                Ok(grounding) => grounding,
-                Err(failure) => {
-                    self.note_grounding_failure(&failure, control);
-                    return None;
+        let (part, (grounding, motion)) = match self.step_from(tau, guide, &mut outline, attempts, control) {
+            Ok(moved) => (None, moved),
+            Err(setback) => {
+                // With many objects it is dear to ask the guidance again, so that it is done without where
+                // only some actions have to come later.
+                if self.has_few_objects() {
+                    self.note_setback(tau, guide, &setback, control);
                 }
-            };
-            let last = attempt + 1 == attempts;
-            match self.planner.plan(&grounding.task, thorough && last, control) {
-                Ok(motion) => {
-                    moved = Some((grounding, motion));
-                    break;
-                }
-                Err(failure) => {
-                    failures.push(failure);
-                    crowds.push(grounding.crowd);
+                match self.step_in_part(tau, guide, &outline, &setback, control) {
+                    Some((part, moved)) => (Some(part), moved),
+                    None => {
+                        if !self.has_few_objects() {
+                            self.note_setback(tau, guide, &setback, control);
+                        }
+                        return None;
+                    }
                 }
             }
-            self.cause = Some("no motion was found for the arms that does not collide".to_owned());
-        }
-        let Some((grounding, motion)) = moved else {
-            self.note_motion_failures(guide, &failures);
-            self.note_crowds(tau, guide, &crowds, control);
-            return None;
         };
+        let immediate = part.as_ref().map_or(&guide.immediate, |part| &part.immediate);
         let from = &self.tree[tau];
         let mut mode = from.mode.clone();
-        for action in &guide.immediate {
+        for action in immediate {
             mode[action.object] = grounding.landed.get(&action.object).copied().unwrap_or(action.to);
         }
         let mut arms: Vec<ArmState> = motion
@@ -324,7 +323,24 @@ impl<'a> Search<'a> {
             is_goal,
             step: Some(Arc::new(Step { actions: grounding.actions, motion, task: grounding.task })),
         };
-        self.memo.suggest(&guide.solution);
+        match &part {
+            None => self.memo.suggest(&guide.solution),
+            Some(part) => {
+                if !self.has_few_objects() {
+                    // It goes on from there, and not from here again.
+                    self.tree[tau].failures += DONE_IN_PART;
+                }
+                if let Some(rest) = self.rest_after(guide, part, &vertex.mode) {
+                    self.memo.suggest(&rest);
+                    if !self.has_few_objects() {
+                        let steps = rest.steps.len();
+                        let certificate =
+                            Certificate { steps, lower_bound: 0, optimum: None, proof: Proof::None };
+                        self.memo.keep(&vertex.mode, &Answer::Solved(rest, certificate), &self.cuts);
+                    }
+                }
+            }
+        }
         let objective = self.problem.options.objective;
         if self.best.is_some_and(|best| cost_so_far(&vertex, objective) >= best[0]) {
             return None;

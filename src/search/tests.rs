@@ -5,12 +5,13 @@ use rand::Rng as _;
 use rand::seq::IndexedRandom;
 
 use super::ground::GroundingFailure;
+use super::step::Setback;
 use super::tree::Whereabouts;
 use super::*;
 use crate::collision::CollisionWorld;
 use crate::guidance::{Guide, Instance, ModeState, Move, Solution, Violation, check};
 use crate::mode_graph::{ModeGraphOptions, build_mode_graph};
-use crate::motion::{ArmGoal, Roadmap};
+use crate::motion::{ArmGoal, Roadmap, StepFailure};
 use crate::problem::Problem;
 use crate::run::{Control, Rng, Seed};
 use crate::scenario::{Family, generate};
@@ -98,6 +99,83 @@ fn handoffs_that_never_fit_into_one_step_become_a_rule() {
         check(search.network.instance(), &guide.solution).unwrap();
         assert!(search.certificate().unwrap().lower_bound >= 5);
     });
+}
+
+/// Two picks of the guide's first step from where the objects stood at the start, and the arms that do them.
+fn two_picks(search: &Search<'_>, map: &Map, guide: &Guide) -> Option<[(Move, ArmId); 2]> {
+    let instance = search.network.instance();
+    let picks: Vec<(Move, ArmId)> =
+        guide.immediate.iter().filter_map(|action| Some((*action, map.arm(action.to)?))).collect();
+    let from_start = picks.iter().all(|(action, _)| action.from == instance.start()[action.object]);
+    let [one, two, ..] = picks[..] else { return None };
+    from_start.then_some([one, two])
+}
+
+#[test]
+fn contacts_that_never_fit_into_one_step_become_a_rule_for_their_objects() {
+    let control = Control::unbounded();
+    let mut learnt = 0;
+    for seed in 0..4 {
+        with_search(&problem(Family::Switch, seed), |search, map, _| {
+            let guide = search.tree[0].guide.clone().unwrap();
+            let Some([(one, first), (two, second)]) = two_picks(search, map, &guide) else { return };
+            let steps = search.certificate().unwrap().lower_bound;
+            let rules = |search: &Search<'_>| search.network.instance().clashes.len();
+            // What did not fail by the same two arms each time is no sign of it.
+            for _ in 0..20 {
+                search.note_crowds(0, &guide, &[Some((first, second)), None], &control);
+                search.note_crowds(0, &guide, &[], &control);
+            }
+            for _ in 0..7 {
+                search.note_crowds(0, &guide, &[Some((first, second)); 2], &control);
+            }
+            assert_eq!(rules(search), 0);
+            search.note_crowds(0, &guide, &[Some((second, first)); 2], &control);
+            assert_eq!(rules(search), 1);
+            let clash = search.network.instance().clashes[0].clone();
+            for action in [one, two] {
+                assert!(clash.actions.iter().any(|it| it.means(action.object, action.from, action.to)));
+            }
+            assert!(
+                clash.actions.iter().all(|it| it.object == Some(one.object) || it.object == Some(two.object))
+            );
+            search.guide(0, &control);
+            let next = search.tree[0].guide.clone().unwrap();
+            check(search.network.instance(), &next.solution).unwrap();
+            assert!(!(next.immediate.contains(&one) && next.immediate.contains(&two)));
+            assert!(search.certificate().unwrap().lower_bound >= steps);
+            learnt += 1;
+        });
+    }
+    assert!(learnt > 0);
+}
+
+#[test]
+fn a_step_is_done_in_part_where_two_of_its_actions_do_not_go_together() {
+    let control = Control::unbounded();
+    let mut done = 0;
+    for seed in 0..4 {
+        with_search(&problem(Family::Switch, seed), |search, map, _| {
+            let guide = search.tree[0].guide.clone().unwrap();
+            let Some([(_, first), (_, second)]) = two_picks(search, map, &guide) else { return };
+            let outline = search.grounder.outline(&search.tree[0], &guide);
+            let setback = Setback::Motion(vec![StepFailure::Conflict(first, second)], Vec::new());
+            let Some((part, (grounding, _))) = search.step_in_part(0, &guide, &outline, &setback, &control)
+            else {
+                return;
+            };
+            assert!(part.immediate.len() < guide.immediate.len());
+            assert!(part.immediate.iter().all(|action| guide.immediate.contains(action)));
+            assert_eq!(grounding.actions.len(), part.immediate.len());
+            let mut after = search.tree[0].mode.clone();
+            part.immediate.iter().for_each(|action| after[action.object] = action.to);
+            let rest = search.rest_after(&guide, &part, &after).unwrap();
+            assert!(rest.steps.len() <= guide.solution.steps.len());
+            check(search.network.instance(), &rest).unwrap();
+            done += 1;
+        });
+    }
+    assert!(done > 0);
 }
 
 #[test]
