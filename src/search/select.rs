@@ -95,16 +95,18 @@ impl Search<'_> {
     }
 
     /// Whether the incumbent has more steps than the mode graph asks for.
-    fn wants_fewer_steps(&self) -> bool {
+    pub(super) fn wants_fewer_steps(&self) -> bool {
         let optimum = self.certificate.as_ref().map_or(0, |certificate| certificate.lower_bound);
         self.best.is_some() && self.best_way.len() > optimum + 1
     }
 
-    /// What a tau promises: steps in all, those to come weighed more, and what speaks against it.
+    /// What a tau promises: steps in all, those to come weighed more, and what speaks against it. With many
+    /// objects a first plan is sought with little regard to the steps behind.
     fn prospect(&self, tau: usize) -> f64 {
         let vertex = &self.tree[tau];
         let remaining = vertex.remaining().map_or(1e6, |steps| steps as f64) + vertex.penalty;
-        vertex.depth as f64
+        let behind = if self.best.is_some() || self.has_few_objects() { 1.0 } else { 0.2 };
+        behind * vertex.depth as f64
             + 1.3 * remaining
             + 0.7 * f64::from(vertex.failures)
             + 0.2 * f64::from(vertex.expansions)
@@ -254,7 +256,12 @@ impl Search<'_> {
     }
 
     /// A guide that begins with another action than the tau's own, and is mostly hardly longer.
-    fn another_first_action(&mut self, tau: usize, guide: &Guide, control: &Control) -> Option<Guide> {
+    pub(super) fn another_first_action(
+        &mut self,
+        tau: usize,
+        guide: &Guide,
+        control: &Control,
+    ) -> Option<Guide> {
         let network = self.network.clone();
         let network = network.as_ref();
         let instance = network.instance();

@@ -14,6 +14,9 @@ pub struct Settings {
     pub fresh_transitions: f64,
     /// Chance of planning a window of the incumbent again instead of growing the tree; below 1.
     pub refinement: f64,
+    /// Iterations after the first plan in which one with fewer steps is sought before windows are planned again,
+    /// where there may be one.
+    pub fewer_steps_first: u64,
     /// Vertices that each roadmap gains on each growth; above 0.
     pub growth: usize,
     /// A growth happens once in so many iterations.
@@ -45,6 +48,7 @@ impl Default for Settings {
             stuck_wander: 0.5,
             fresh_transitions: 0.15,
             refinement: 0.6,
+            fewer_steps_first: 100,
             growth: 20,
             growth_period: 50,
             groundings: 6,

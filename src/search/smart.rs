@@ -72,6 +72,8 @@ pub struct Search<'a> {
     pub(super) cause: Option<String>,
     /// Whether the number of steps was looked into thoroughly.
     pub(super) examined: bool,
+    /// The iteration that came to the first plan.
+    first_at: u64,
 }
 
 impl<'a> Search<'a> {
@@ -117,6 +119,7 @@ impl<'a> Search<'a> {
             certificate: None,
             cause: None,
             examined: false,
+            first_at: 0,
         };
         search.guide(0, control);
         search.certificate = search.tree[0].guide.as_ref().and_then(|guide| guide.certificate);
@@ -141,6 +144,7 @@ impl<'a> Search<'a> {
     /// Tells the search the cost of the best accepted plan, found here or by another thread.
     pub fn set_incumbent(&mut self, cost: [f64; 2]) {
         if self.best.is_none() {
+            self.first_at = self.iterations;
             // What stood in the way of the first plan may be tried again.
             self.cuts.clear();
             self.version += 1;
@@ -171,14 +175,15 @@ impl<'a> Search<'a> {
         if self.tree.len() > self.settings.greatest_tree {
             self.prune();
         }
-        if self.best.is_some() && self.rng.random_bool(self.settings.refinement) {
+        if self.best.is_some() && !self.examined {
+            self.examine(control);
+        }
+        let refines = self.best.is_some() && !self.seeks_fewer_steps();
+        if refines && self.rng.random_bool(self.settings.refinement) {
             return match self.refine(control) {
                 Some(end) => self.finish(end, control),
                 None => Report::Nothing,
             };
-        }
-        if self.best.is_some() && !self.examined {
-            self.examine(control);
         }
         let Some(tau) = self.select_mode(control) else {
             return Report::Nothing;
@@ -219,6 +224,12 @@ impl<'a> Search<'a> {
                 Report::Nothing
             }
         }
+    }
+
+    /// Whether the first plan is still so young that one with fewer steps is sought before its windows are planned
+    /// again: they would make it hard to beat in duration.
+    fn seeks_fewer_steps(&self) -> bool {
+        self.iterations < self.first_at + self.settings.fewer_steps_first && self.wants_fewer_steps()
     }
 
     /// Once there is a plan there is time to look into the least number of steps thoroughly, where

@@ -151,6 +151,27 @@ fn contacts_that_never_fit_into_one_step_become_a_rule_for_their_objects() {
 }
 
 #[test]
+fn other_sequences_of_actions_are_tried() {
+    let control = Control::unbounded();
+    with_search(&problem(Family::Random, 1), |search, _, _| {
+        let guide = search.tree[0].guide.clone().unwrap();
+        let network = search.network.clone();
+        let mut firsts: Vec<Move> = Vec::new();
+        for _ in 0..60 {
+            let Some(other) = search.another_first_action(0, &guide, &control) else { continue };
+            let [first] = other.immediate[..] else { panic!("{:?}", other.immediate) };
+            assert!(!guide.immediate.contains(&first));
+            check(network.instance(), &other.solution).unwrap();
+            assert!(other.remaining_steps >= guide.remaining_steps);
+            firsts.push(first);
+        }
+        firsts.sort_unstable();
+        firsts.dedup();
+        assert!(firsts.len() > 1, "{firsts:?}");
+    });
+}
+
+#[test]
 fn a_step_is_done_in_part_where_two_of_its_actions_do_not_go_together() {
     let control = Control::unbounded();
     let mut done = 0;
