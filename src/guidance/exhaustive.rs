@@ -42,6 +42,9 @@ const CHOICES: usize = 64;
 /// The fewest of them that a search may look at.
 const FEWEST_CHOICES: usize = 4_096;
 
+/// Most successors of one state that are listed.
+const MOST_SUCCESSORS: usize = 20_000;
+
 /// Partial joint steps between two looks at whether to stop.
 const LOOK: usize = 1_024;
 
@@ -257,16 +260,19 @@ struct Choice<'c> {
 impl Choice<'_> {
     /// Lists the joint steps by what the objects from number `object` on do; `None` at the limit.
     fn go_on(&mut self, object: usize) -> Option<()> {
-        let Some(&node) = self.state.get(object) else {
-            if self.next != self.state {
-                self.found.push(self.next.clone());
-            }
-            return Some(());
-        };
         self.choices_left = self.choices_left.checked_sub(1)?;
         if self.choices_left.is_multiple_of(LOOK) && self.control.should_stop() {
             return None;
         }
+        let Some(&node) = self.state.get(object) else {
+            if self.next != self.state {
+                if self.found.len() == MOST_SUCCESSORS {
+                    return None;
+                }
+                self.found.push(self.next.clone());
+            }
+            return Some(());
+        };
         let (network, left) = (self.network, self.left);
         let far = |node: u16| network.to_goal(object, node as usize) as usize > left;
         if self.single && self.next[..object] != self.state[..object] {

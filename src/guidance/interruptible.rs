@@ -39,7 +39,9 @@ struct Handed<T>(T);
 // SAFETY: A model owns its instance of HiGHS, to which nothing else points, and HiGHS ties no instance to a
 // thread. It is used by one thread at a time: it is handed over whole, and whoever has handed it over keeps
 // nothing of it.
-unsafe impl<T> Send for Handed<T> {}
+unsafe impl Send for Handed<Model> {}
+// SAFETY: as above.
+unsafe impl Send for Handed<Result<SolvedModel, HighsStatus>> {}
 
 impl<T> Handed<T> {
     fn take(self) -> T {

@@ -433,7 +433,7 @@ fn limited_resources(instance: &Instance, kind_of: &[usize]) -> Limited {
             crossings[block.from.0].push(crossing);
         }
     }
-    // So is a clash, drawn on by who takes any of its edges.
+    // So is a clash, drawn on by who does any of its actions.
     for clash in instance.clashes.iter().filter(|_| objects > 1) {
         let resource = capacities.len() as u16;
         capacities.push(1);

@@ -14,7 +14,7 @@ use crate::workcell::ArmId;
 
 use super::roadmap::Roadmap;
 use super::schedule::find_conflict;
-use super::task::{ArmGoal, StepTask};
+use super::task::{ArmGoal, ArmTask, StepTask};
 use super::timed::{ArmMotion, CurveMotion, StepMotion, Window};
 
 /// Vertices that the tree may have.
@@ -68,7 +68,14 @@ pub(super) fn plan(
         .collect();
     let mut search = Composite { world, roadmaps, task, resting: &resting };
     let path = search.grow_tree(&from, &to, control, rng)?;
-    let mut orders = ORDERS.iter().flat_map(|&leave| ORDERS.iter().map(move |&enter| (leave, enter)));
+    // The order makes a difference only among several.
+    let orders = |several: bool| if several { &ORDERS[..] } else { &ORDERS[..1] };
+    let leaving = task.arms.iter().filter(|arm| arm.departure.is_some()).count();
+    let approaches = |arm: &&ArmTask| matches!(arm.goal, ArmGoal::Contact { approach: Some(_), .. });
+    let entering = task.arms.iter().filter(approaches).count();
+    let mut orders = orders(leaving > 1)
+        .iter()
+        .flat_map(|&leave| orders(entering > 1).iter().map(move |&enter| (leave, enter)));
     orders.find_map(|order| {
         if control.should_stop() {
             return None;

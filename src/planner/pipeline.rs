@@ -286,7 +286,7 @@ impl<'a> Run<'a, '_> {
     }
 
     /// Builds the plan, has it judged, and publishes it if it is better than what is known; its
-    /// cost when it was accepted.
+    /// cost when it was published.
     fn judge(&self, candidate: &Candidate, certificate: Option<&Certificate>) -> Option<[f64; 2]> {
         let options = &self.problem.options;
         let cost = candidate.cost(options.objective);
@@ -312,7 +312,7 @@ impl<'a> Run<'a, '_> {
         self.lock(|board| {
             // Another thread may have been faster.
             if board.cost.is_some_and(|best| cost >= best) {
-                return;
+                return None;
             }
             let found_after_s = self.control.deadline.elapsed_s();
             plan.metrics.found_after_s = found_after_s;
@@ -322,8 +322,8 @@ impl<'a> Run<'a, '_> {
             (board.observe)(PlannerEvent::Incumbent(&plan));
             board.best = Some(plan);
             self.check_goals(board, candidate.duration, candidate.steps);
-        });
-        Some(cost)
+            Some(cost)
+        })
     }
 
     fn check_goals(&self, board: &mut Board<'_>, duration: f64, steps: usize) {

@@ -66,7 +66,7 @@ pub(super) struct ChainRequest<'a> {
     /// The node of the targets, and the one that the guide wants.
     pub(super) node: NodeId,
     pub(super) wanted: NodeId,
-    /// Whether handoffs are to be sampled although some are known.
+    /// Whether contacts and handoffs are to be sampled although some are known.
     pub(super) anew: bool,
 }
 

@@ -128,20 +128,16 @@ impl Search<'_> {
         let start = self.tree[0].mode.clone();
         let (cuts, effort) = (Cuts::none(), Effort::quick());
         let answer = solve(&network, &start, &cuts, &effort, self.seed, control);
-        // Samples do not prove that a problem has no solution.
-        if !matches!(answer, Ok(Answer::Solved(..) | Answer::Unknown { .. })) {
-            return;
-        }
+        // Samples do not prove that a problem has no solution, nor may they make one hard to find.
+        let Ok(answer @ Answer::Solved(..)) = answer else { return };
         self.network = Arc::new(network);
         (self.memo, self.detours) = (Memo::new(), Memo::new());
         self.version += 1;
         for vertex in &mut self.tree {
             vertex.fewest = None;
         }
-        if let Ok(answer) = answer {
-            self.memo.keep(&start, &answer, &cuts);
-            self.certificate = answer.certificate().copied();
-            self.examined = false;
-        }
+        self.memo.keep(&start, &answer, &cuts);
+        self.certificate = answer.certificate().copied();
+        self.examined = false;
     }
 }

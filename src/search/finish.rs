@@ -95,15 +95,14 @@ impl Search<'_> {
         }
         let renumbered: BTreeMap<usize, usize> =
             keep.iter().enumerate().map(|(new, &old)| (old, new)).collect();
-        let mut kept = Vec::with_capacity(keep.len());
-        for (index, mut vertex) in std::mem::take(&mut self.tree).into_iter().enumerate() {
-            if renumbered.contains_key(&index) {
-                vertex.parent = vertex.parent.and_then(|parent| renumbered.get(&parent).copied());
-                vertex.failures = 0;
-                kept.push(vertex);
-            }
-        }
-        self.tree = kept;
+        // In the order of the way: rewiring gives vertices parents that came later.
+        let kept = keep.iter().map(|&old| {
+            let mut vertex = self.tree[old].clone();
+            vertex.parent = vertex.parent.and_then(|parent| renumbered.get(&parent).copied());
+            vertex.failures = 0;
+            vertex
+        });
+        self.tree = kept.collect();
         self.best_way = self.best_way.iter().filter_map(|old| renumbered.get(old).copied()).collect();
     }
 }

@@ -13,7 +13,7 @@ use crate::kinematics::Config;
 use crate::motion::{ArmGoal, ArmTask, Departure, StepTask};
 use crate::plan::ActionKind;
 use crate::problem::Problem;
-use crate::run::{Rng, Seed};
+use crate::run::{Control, Rng, Seed};
 use crate::transition::{
     Contact, ContactKind, ContactQuery, Contacts, HandoffContact, HandoffQuery, travel_time,
 };
@@ -82,6 +82,7 @@ pub(super) struct Grounder<'a> {
     pub(super) rng: Rng,
     pub(super) handoff_tries: usize,
     pub(super) fresh: f64,
+    pub(super) control: Control,
     /// How often no grasps fitted together for an object along a sequence of arms to a node, and how often
     /// something was in the way of the leg that was to follow.
     pub(super) barren: BTreeMap<(usize, Vec<ArmId>, NodeId), u32>,
@@ -96,6 +97,7 @@ impl<'a> Grounder<'a> {
         contacts: Contacts<'a>,
         settings: &Settings,
         seed: Seed,
+        control: &Control,
     ) -> Self {
         Self {
             problem,
@@ -107,6 +109,7 @@ impl<'a> Grounder<'a> {
             rng: seed.stream("grounding"),
             handoff_tries: settings.handoff_tries,
             fresh: settings.fresh_transitions,
+            control: control.clone(),
             barren: BTreeMap::new(),
             hindered: BTreeMap::new(),
         }

@@ -161,6 +161,9 @@ impl<'a> Grounder<'a> {
         let mut why = Misfit::Between;
         let (mut besides, mut hindered) = (Vec::new(), None);
         for _ in 0..onward.map_or(1, |_| tries) {
+            if self.control.should_stop() {
+                break;
+            }
             match self.planner().plan(&ChainRequest { besides: &besides, ..request }) {
                 Ok(chain) => match onward.map(|next| self.leads_to(vertex, outline, &chain, next, now)) {
                     None | Some(Ok(())) => return Ok(chain),

@@ -53,12 +53,22 @@ impl Search<'_> {
         self.refine_two(number, control)
     }
 
-    /// What a step counts by the problem's objective: its duration (s), or the length of all arms' joint paths.
-    fn price(&self, motion: &StepMotion) -> f64 {
-        match self.problem.options.objective {
-            Objective::ArcLength => motion.arms.iter().map(|arm| arm.curve.arc_length()).sum(),
-            Objective::Duration | Objective::Steps => motion.duration,
+    /// Whether the incumbent's way is better with the steps `new` in place of `old`: shorter in time, or in the
+    /// longest of the arms' joint paths where that is the objective.
+    fn gains(&self, old: &[&StepMotion], new: &[&StepMotion]) -> bool {
+        if !matches!(self.problem.options.objective, Objective::ArcLength) {
+            let sum = |steps: &[&StepMotion]| steps.iter().map(|step| step.duration).sum::<f64>();
+            return sum(new) + LEAST_GAIN <= sum(old);
         }
+        let Some(&end) = self.best_way.last() else { return false };
+        let length = |steps: &[&StepMotion], arm: usize| {
+            steps.iter().map(|step| step.arms[arm].curve.arc_length()).sum::<f64>()
+        };
+        let before = &self.tree[end].arc;
+        let longest = |arms: &mut dyn Iterator<Item = f64>| arms.fold(0.0, f64::max);
+        let after =
+            &mut before.iter().enumerate().map(|(arm, all)| all - length(old, arm) + length(new, arm));
+        longest(after) + LEAST_GAIN <= longest(&mut before.iter().copied())
     }
 
     fn step(&self, number: usize) -> Option<Arc<Step>> {
@@ -70,7 +80,7 @@ impl Search<'_> {
         let mut task = old.task.clone();
         pin(&mut task, &old.motion, None);
         let motion = self.planner.plan(&task, false, control).ok()?;
-        if self.price(&motion) + LEAST_GAIN > self.price(&old.motion) {
+        if !self.gains(&[&old.motion], &[&motion]) {
             return None;
         }
         let arms = self.tree[*self.best_way.get(number)?].arms.clone();
@@ -83,11 +93,11 @@ impl Search<'_> {
         let between = self.vary(number, &first, &second)?;
         let [mut task, mut next] = between.tasks;
         let mut arms = between.arms;
-        let old = self.price(&first.motion) + self.price(&second.motion);
+        let old = [&first.motion, &second.motion];
         pin(&mut task, &first.motion, between.waits);
         pin(&mut next, &second.motion, None);
         let motion = self.planner.plan(&task, false, control).ok()?;
-        if self.price(&motion) + LEAST_GAIN > old {
+        if !self.gains(&old, &[&motion]) {
             return None;
         }
         if let Some(ArmId(arm)) = between.waits {
@@ -96,7 +106,7 @@ impl Search<'_> {
             arms[arm].q = end;
         }
         let after = self.planner.plan(&next, false, control).ok()?;
-        if self.price(&motion) + self.price(&after) + LEAST_GAIN > old {
+        if !self.gains(&old, &[&motion, &after]) {
             return None;
         }
         let later = self.tree[*self.best_way.get(number + 1)?].arms.clone();

@@ -78,8 +78,8 @@ impl Search<'_> {
             vertices.push(vertex);
             from = to;
         }
-        self.enter(vertices, moves, control);
         self.set_incumbent(plan.metrics.cost(self.problem.options.objective));
+        self.enter(vertices, moves, control);
         Ok(())
     }
 

@@ -119,13 +119,7 @@ impl Search<'_> {
         self.tree[tau].guided_at = self.version;
         tracing::debug!(tau, cuts = self.cuts.active().len(), "asking the guidance");
         match self.guidance.guide(&self.network, &mode, &self.cuts, &mut self.memo, control) {
-            Ok(Advice::Go(guide)) => {
-                let penalty = self.cuts.penalty(&mode, &guide.solution.steps);
-                let vertex = &mut self.tree[tau];
-                vertex.penalty = penalty as f64;
-                vertex.fewest = guide.remaining_steps.map(|left| left.min(vertex.fewest.unwrap_or(left)));
-                vertex.guide = Some(guide);
-            }
+            Ok(Advice::Go(guide)) => self.follow(tau, guide),
             Ok(Advice::Infeasible(reason)) => {
                 self.cause = Some(format!("on the mode graph there is no way to the goals: {reason:?}"));
             }
@@ -136,6 +130,15 @@ impl Search<'_> {
             }
             Err(error) => self.cause = Some(format!("the mode graph makes no sense: {error}")),
         }
+    }
+
+    /// Takes `guide` for that of a tau under the cuts in force.
+    pub(super) fn follow(&mut self, tau: usize, guide: Guide) {
+        let vertex = &mut self.tree[tau];
+        vertex.guided_at = self.version;
+        vertex.penalty = self.cuts.penalty(&vertex.mode, &guide.solution.steps) as f64;
+        vertex.fewest = guide.remaining_steps.map(|left| left.min(vertex.fewest.unwrap_or(left)));
+        vertex.guide = Some(guide);
     }
 
     /// The guide to follow now, with the chains of its legs: that of the tau, or now and then another.
@@ -283,7 +286,7 @@ impl Search<'_> {
         };
         let excess = (rest.steps.len() + 1).saturating_sub(guide.remaining_steps?);
         // The longer it is, the rarer it is followed, but every one keeps a chance.
-        if self.rng.random_bool(1.0 - 0.5_f64.powi(excess.min(60) as i32)) {
+        if !self.rng.random_bool(0.5_f64.powi(excess.min(1000) as i32)) {
             return None;
         }
         let mut steps = vec![vec![action]];

@@ -25,9 +25,7 @@ pub struct Settings {
     pub groundings: usize,
     /// Random object poses tried for one handoff.
     pub handoff_tries: usize,
-    /// Failed expansions after which a tau's immediate actions are cut for a while.
-    pub patience: u32,
-    /// Iterations for which such a cut lasts.
+    /// Iterations for which a cut lasts.
     pub cut_lifetime: u64,
     /// The same while the incumbent has more steps than the mode graph asks for.
     pub brief_lifetime: u64,
@@ -53,7 +51,6 @@ impl Default for Settings {
             growth_period: 50,
             groundings: 6,
             handoff_tries: 250,
-            patience: 3,
             cut_lifetime: 60,
             brief_lifetime: 6,
             block_lifetime: 500,

@@ -7,8 +7,7 @@ use rand::Rng as _;
 
 use crate::collision::CollisionWorld;
 use crate::guidance::{
-    Answer, Certificate, Cuts, Effort, Greedy, Guidance, Guide, Memo, Network, Proof, Sequential, Smart,
-    solve,
+    Answer, Certificate, Cuts, Effort, Greedy, Guidance, Guide, Memo, Network, Sequential, Smart, solve,
 };
 use crate::motion::{Roadmap, StepPlanner};
 use crate::problem::{GuidanceKind, InitialPlacement, Objective, Problem};
@@ -100,7 +99,7 @@ impl<'a> Search<'a> {
             problem,
             map,
             planner: StepPlanner::new(problem, world, roadmaps, seed),
-            grounder: Grounder::new(problem, world, map, contacts, &settings, seed),
+            grounder: Grounder::new(problem, world, map, contacts, &settings, seed, control),
             settings,
             network: map.network().clone(),
             suspicions: Suspicions::new(),
@@ -334,6 +333,8 @@ impl<'a> Search<'a> {
             is_goal,
             step: Some(Arc::new(Step { actions: grounding.actions, motion, task: grounding.task })),
         };
+        // What to do from there, where it need not be asked for.
+        let mut known = None;
         match &part {
             None => self.memo.suggest(&guide.solution),
             Some(part) => {
@@ -343,12 +344,7 @@ impl<'a> Search<'a> {
                 }
                 if let Some(rest) = self.rest_after(guide, part, &vertex.mode) {
                     self.memo.suggest(&rest);
-                    if !self.has_few_objects() {
-                        let steps = rest.steps.len();
-                        let certificate =
-                            Certificate { steps, lower_bound: 0, optimum: None, proof: Proof::None };
-                        self.memo.keep(&vertex.mode, &Answer::Solved(rest, certificate), &self.cuts);
-                    }
+                    known = Some(rest).filter(|_| !self.has_few_objects());
                 }
             }
         }
@@ -359,7 +355,10 @@ impl<'a> Search<'a> {
         self.tree.push(vertex);
         let new = self.tree.len() - 1;
         if !is_goal {
-            self.guide(new, control);
+            match known {
+                Some(rest) => self.follow(new, Guide::along(&self.network.clone(), rest, None)),
+                None => self.guide(new, control),
+            }
             self.hold_back(new);
         }
         Some(new)

@@ -151,6 +151,25 @@ fn contacts_that_never_fit_into_one_step_become_a_rule_for_their_objects() {
 }
 
 #[test]
+fn pruning_keeps_a_way_whose_vertices_came_in_another_order() {
+    with_search(&problem(Family::Random, 1), |search, _, _| {
+        // 0 -> 3 -> 1 -> 4: rewiring gives vertices parents that came later. 2 and 5 lie beside.
+        for (depth, parent) in [(2, 3), (1, 0), (1, 0), (3, 1), (2, 3)] {
+            let mut vertex = search.tree[0].clone();
+            (vertex.depth, vertex.parent, vertex.failures) = (depth, Some(parent), 2);
+            search.tree.push(vertex);
+        }
+        search.best_way = vec![0, 3, 1, 4];
+        search.prune();
+        assert_eq!(search.best_way, [0, 1, 2, 3]);
+        let parents: Vec<Option<usize>> = search.tree.iter().map(|vertex| vertex.parent).collect();
+        assert_eq!(parents, [None, Some(0), Some(1), Some(2)]);
+        let depths: Vec<usize> = search.tree.iter().map(|vertex| vertex.depth).collect();
+        assert_eq!(depths, [0, 1, 2, 3]);
+    });
+}
+
+#[test]
 fn other_sequences_of_actions_are_tried() {
     let control = Control::unbounded();
     with_search(&problem(Family::Random, 1), |search, _, _| {
