@@ -9,9 +9,8 @@
 //! arms apart, time after time, the network gains a [`Clash`]. It is of all objects where two handoffs
 //! clash, which happen in the air, and of the two objects alone where one is picked from where it stood at
 //! the start or placed in a slot. (One that is back in the region of its start counts as if it stood there
-//! still.) Like the graph's edges such rules rest on samples. A plan that keeps the rules learnt so far and
-//! has as few steps as any that does is shortest on the graph with all such rules, since further rules only
-//! take plans away.
+//! still.) Such rules rest on samples and prove nothing: they say where a plan is sought, and from how many steps on,
+//! while the certificate stays that of the map's own network.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -73,10 +72,14 @@ impl Search<'_> {
         let by = |arm: ArmId| {
             let acts =
                 |action: &&Move| [action.from, action.to].iter().any(|&n| self.map.arm(n) == Some(arm));
-            guide.immediate.iter().find(acts).copied().filter(|action| self.is_bound(tau, action))
+            guide.immediate.iter().find(acts).copied()
         };
         let (Some(a), Some(b)) = (by(one), by(two)) else { return };
-        if a != b && self.is_learnt(Pair::Contacts([a.min(b), a.max(b)]), CONTACTS_LEARNT_AFTER) {
+        if a == b || self.map.is_handoff(&a) || self.map.is_handoff(&b) {
+            return;
+        }
+        let bound = self.is_bound(tau, &a) && self.is_bound(tau, &b);
+        if bound && self.is_learnt(Pair::Contacts([a.min(b), a.max(b)]), CONTACTS_LEARNT_AFTER) {
             let mut actions = Vec::new();
             for action in [a, b] {
                 let same = |from, to| self.map.is_same(from, action.from) && self.map.is_same(to, action.to);
@@ -137,7 +140,8 @@ impl Search<'_> {
             vertex.fewest = None;
         }
         self.memo.keep(&start, &answer, &cuts);
-        self.certificate = answer.certificate().copied();
+        let bound = answer.certificate().map_or(0, |certificate| certificate.lower_bound);
+        self.least_steps = self.least_steps.max(bound);
         self.examined = false;
     }
 }

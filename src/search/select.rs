@@ -96,8 +96,7 @@ impl Search<'_> {
 
     /// Whether the incumbent has more steps than the mode graph asks for.
     pub(super) fn wants_fewer_steps(&self) -> bool {
-        let optimum = self.certificate.as_ref().map_or(0, |certificate| certificate.lower_bound);
-        self.best.is_some() && self.best_way.len() > optimum + 1
+        self.best.is_some() && self.best_way.len() > self.least_steps + 1
     }
 
     /// What a tau promises: steps in all, those to come weighed more, and what speaks against it. With many

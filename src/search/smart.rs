@@ -67,7 +67,10 @@ pub struct Search<'a> {
     pub(super) rng: Rng,
     pub(super) seed: Seed,
     pub(super) iterations: u64,
+    /// What is proved about the map's network.
     pub(super) certificate: Option<Certificate>,
+    /// Fewer steps than these are not sought: the bound of `network`, which has the rules learnt, too.
+    pub(super) least_steps: usize,
     pub(super) cause: Option<String>,
     /// Whether the number of steps was looked into thoroughly.
     pub(super) examined: bool,
@@ -116,12 +119,14 @@ impl<'a> Search<'a> {
             seed,
             iterations: 0,
             certificate: None,
+            least_steps: 0,
             cause: None,
             examined: false,
             first_at: 0,
         };
         search.guide(0, control);
         search.certificate = search.tree[0].guide.as_ref().and_then(|guide| guide.certificate);
+        search.least_steps = search.proved();
         search
     }
 
@@ -232,29 +237,57 @@ impl<'a> Search<'a> {
     }
 
     /// Once there is a plan there is time to look into the least number of steps thoroughly, where
-    /// that is not known yet: a shorter plan on the mode graph, or the proof that there is none.
-    fn examine(&mut self, control: &Control) {
+    /// that is not known yet: a shorter plan on the mode graph, or the proof that there is none. What is proved is
+    /// about the map's own network; the rules learnt since say only what is not worth seeking.
+    pub(super) fn examine(&mut self, control: &Control) {
         self.examined = true;
-        let is_smart = matches!(self.problem.options.guidance, GuidanceKind::Smart);
-        if !is_smart || self.certificate.as_ref().is_some_and(|known| known.optimum.is_some()) {
+        if !matches!(self.problem.options.guidance, GuidanceKind::Smart) {
             return;
         }
-        let start = self.tree[0].mode.clone();
-        let effort = Effort::thorough();
-        let answer = solve(&self.network, &start, &Cuts::none(), &effort, self.seed, control);
-        if let Ok(answer @ Answer::Solved(..)) = answer {
-            self.memo.keep(&start, &answer, &Cuts::none());
+        let has_rules = !Arc::ptr_eq(&self.network, self.map.network());
+        if self.certificate.is_none_or(|known| known.optimum.is_none())
+            && let Some(answer) = self.solve_thoroughly(&self.map.network().clone(), control)
+        {
             let known = answer.certificate().copied();
-            let bound = |certificate: &Option<Certificate>| certificate.map_or(0, |c| c.lower_bound);
-            if bound(&known) >= bound(&self.certificate) {
+            if known.map_or(0, |known| known.lower_bound) >= self.proved() {
                 self.certificate = known;
             }
-            if let Some(solution) = answer.solution() {
-                self.memo.suggest(solution);
+            self.least_steps = self.least_steps.max(self.proved());
+            if !has_rules {
+                self.begin_with(&answer, control);
             }
-            self.version += 1;
-            self.guide(0, control);
         }
+        let fewest = self.tree[0].fewest;
+        if has_rules
+            && fewest.is_none_or(|fewest| fewest > self.least_steps)
+            && let Some(answer) = self.solve_thoroughly(&self.network.clone(), control)
+        {
+            let bound = answer.certificate().map_or(0, |certificate| certificate.lower_bound);
+            self.least_steps = self.least_steps.max(bound);
+            self.begin_with(&answer, control);
+        }
+    }
+
+    /// The least number of steps that is proved on the map's network.
+    fn proved(&self) -> usize {
+        self.certificate.map_or(0, |certificate| certificate.lower_bound)
+    }
+
+    fn solve_thoroughly(&self, network: &Network, control: &Control) -> Option<Answer> {
+        let start = &self.tree[0].mode;
+        let answer = solve(network, start, &Cuts::none(), &Effort::thorough(), self.seed, control);
+        answer.ok().filter(|answer| answer.solution().is_some())
+    }
+
+    /// Remembers an answer from the start, and goes that way.
+    fn begin_with(&mut self, answer: &Answer, control: &Control) {
+        let start = self.tree[0].mode.clone();
+        self.memo.keep(&start, answer, &Cuts::none());
+        if let Some(solution) = answer.solution() {
+            self.memo.suggest(solution);
+        }
+        self.version += 1;
+        self.guide(0, control);
     }
 
     /// `sample_trans`, `select`, `extend` and `modal_check`: grounds the guide's next actions and
@@ -270,20 +303,14 @@ impl<'a> Search<'a> {
         let (part, (grounding, motion)) = match self.step_from(tau, guide, &mut outline, attempts, control) {
             Ok(moved) => (None, moved),
             Err(setback) => {
+                let partly = self.step_in_part(tau, guide, &outline, &setback, control);
                 // With many objects it is dear to ask the guidance again, so that it is done without where
                 // only some actions have to come later.
-                if self.has_few_objects() {
+                if partly.is_none() || self.has_few_objects() {
                     self.note_setback(tau, guide, &setback, control);
                 }
-                match self.step_in_part(tau, guide, &outline, &setback, control) {
-                    Some((part, moved)) => (Some(part), moved),
-                    None => {
-                        if !self.has_few_objects() {
-                            self.note_setback(tau, guide, &setback, control);
-                        }
-                        return None;
-                    }
-                }
+                let (part, moved) = partly?;
+                (Some(part), moved)
             }
         };
         let immediate = part.as_ref().map_or(&guide.immediate, |part| &part.immediate);
@@ -356,7 +383,10 @@ impl<'a> Search<'a> {
         let new = self.tree.len() - 1;
         if !is_goal {
             match known {
-                Some(rest) => self.follow(new, Guide::along(&self.network.clone(), rest, None)),
+                Some(rest) => {
+                    let guide = Guide::along(&self.network, rest, None);
+                    self.follow(new, guide);
+                }
                 None => self.guide(new, control),
             }
             self.hold_back(new);
