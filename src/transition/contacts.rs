@@ -237,12 +237,6 @@ impl<'a> Contacts<'a> {
         false
     }
 
-    /// Whether the hands are clear of each other when both arms hold an object in these ways (its frame in their
-    /// TCP frames).
-    pub fn hands_fit(&mut self, giver: (ArmId, &Pose), receiver: (ArmId, &Pose)) -> bool {
-        self.hands.fit(giver, receiver)
-    }
-
     /// Handoffs, sampled anew: the cheapest of a handful, with their lines.
     pub fn handoffs(
         &mut self,

@@ -20,7 +20,7 @@ use super::contacts::bits;
 const MOST_REACHES: usize = 200_000;
 
 /// Answers about handoffs that are kept at most.
-const MOST_HANDOFFS: usize = 100_000;
+const MOST_HANDOFFS: usize = 20_000;
 
 /// Number of a class of objects in this memory.
 pub(super) type Class = u32;
@@ -61,32 +61,26 @@ impl RestQuestion {
     }
 }
 
-/// A round of draws for a handoff: class, giver, receiver, the grasp of each, and the number of the round.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+/// A handoff: class, giver, receiver, and the grasps of both.
+#[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) struct HandoffQuestion {
     class: Class,
     giver: usize,
     receiver: usize,
-    giver_grasp: usize,
-    receiver_grasp: usize,
-    round: usize,
+    giver_grasps: Vec<usize>,
+    receiver_grasps: Vec<usize>,
 }
 
 impl HandoffQuestion {
     /// `None` where a hold is none of the class's grasps: such questions are not remembered.
-    pub(super) fn new(
-        class: Class,
-        giver: (ArmId, &Hold),
-        receiver: (ArmId, &Hold),
-        round: usize,
-    ) -> Option<Self> {
+    pub(super) fn new(class: Class, giver: (ArmId, &[Hold]), receiver: (ArmId, &[Hold])) -> Option<Self> {
+        let grasps = |holds: &[Hold]| holds.iter().map(|hold| hold.grasp).collect::<Option<Vec<_>>>();
         Some(Self {
             class,
             giver: giver.0.0,
             receiver: receiver.0.0,
-            giver_grasp: giver.1.grasp?,
-            receiver_grasp: receiver.1.grasp?,
-            round,
+            giver_grasps: grasps(giver.1)?,
+            receiver_grasps: grasps(receiver.1)?,
         })
     }
 }
@@ -100,7 +94,7 @@ struct Known {
     /// Digests of the classes, by number.
     classes: Vec<[u8; 32]>,
     rests: BTreeMap<RestQuestion, bool>,
-    handoffs: BTreeMap<HandoffQuestion, Option<Box<HandoffWitness>>>,
+    handoffs: BTreeMap<HandoffQuestion, Option<HandoffWitness>>,
 }
 
 impl ReachMemory {
@@ -137,7 +131,7 @@ impl ReachMemory {
     }
 
     pub(super) fn handoff(&self, question: &HandoffQuestion) -> Option<Option<HandoffWitness>> {
-        self.known().handoffs.get(question).map(|answer| answer.as_deref().cloned())
+        self.known().handoffs.get(question).cloned()
     }
 
     pub(super) fn learn_handoff(&self, question: HandoffQuestion, answer: Option<HandoffWitness>) {
@@ -145,7 +139,7 @@ impl ReachMemory {
         if known.handoffs.len() >= MOST_HANDOFFS {
             known.handoffs.clear();
         }
-        known.handoffs.insert(question, answer.map(Box::new));
+        known.handoffs.insert(question, answer);
     }
 }
 

@@ -18,9 +18,6 @@ use super::memory::{Class, HandoffQuestion, Matter, ReachMemory, RestQuestion};
 /// Object poses tried before a handoff counts as impossible.
 const HANDOFF_TRIES: usize = 400;
 
-/// Object poses tried for one pair of holds before the next pair is.
-const HANDOFF_DRAWS: usize = 4;
-
 /// Reach by sampled transitions; what it grounds stays in its [`Contacts`], what it finds out in a
 /// [`ReachMemory`].
 #[derive(Debug)]
@@ -168,56 +165,32 @@ impl Reach for SampledReach<'_> {
         giver_holds: &[Hold],
         receiver_holds: &[Hold],
     ) -> Option<HandoffWitness> {
-        // Always in the same order, so that much of what one question needs was found out for others.
-        let rank = |(giving, taking): (&Hold, &Hold)| {
-            let arms = [giver.0 as u64, receiver.0 as u64];
-            let holds = [giving, taking].into_iter().flat_map(|hold| bits(&hold.object_in_tcp));
-            Seed::mixed(arms.into_iter().chain(holds)).0
-        };
-        let all =
-            giver_holds.iter().flat_map(|giving| receiver_holds.iter().map(move |taking| (giving, taking)));
-        let mut pairs: Vec<(&Hold, &Hold)> = all
-            .filter(|(giving, taking)| {
-                self.contacts.hands_fit((giver, &giving.object_in_tcp), (receiver, &taking.object_in_tcp))
-            })
-            .collect();
-        pairs.sort_by_cached_key(|&pair| rank(pair));
-        let most = HANDOFF_TRIES / HANDOFF_DRAWS;
-        let rounds = (0..).flat_map(|round| pairs.iter().map(move |&pair| (round, pair)));
-        let tries = rounds.take(if pairs.is_empty() { 0 } else { most });
-        tries.into_iter().find_map(|(round, (giving, taking))| {
-            self.meeting((giver, giving), (receiver, taking), object, round)
-        })
-    }
-}
-
-impl SampledReach<'_> {
-    /// What a round of draws brings for one pair of holds.
-    fn meeting(
-        &mut self,
-        (giver, giving): (ArmId, &Hold),
-        (receiver, taking): (ArmId, &Hold),
-        object: ObjectId,
-        round: usize,
-    ) -> Option<HandoffWitness> {
         let class = self.classes[object.0];
-        let question = HandoffQuestion::new(class, (giver, giving), (receiver, taking), round);
+        let question = HandoffQuestion::new(class, (giver, giver_holds), (receiver, receiver_holds));
         if let Some(known) = question.as_ref().and_then(|question| self.memory.handoff(question)) {
             return known;
         }
+        let holds = |holds: &[Hold]| -> Vec<(usize, Pose)> {
+            holds.iter().enumerate().map(|(index, hold)| (index, hold.object_in_tcp)).collect()
+        };
+        let (giving, taking) = (holds(giver_holds), holds(receiver_holds));
         let query = HandoffQuery {
             giver,
             receiver,
             object,
-            giver_holds: &[(0, giving.object_in_tcp)],
-            receiver_holds: &[(0, taking.object_in_tcp)],
+            giver_holds: &giving,
+            receiver_holds: &taking,
             giver_near: &[],
             receiver_near: &[],
         };
-        let found = self.contacts.handoffs(&query, HANDOFF_DRAWS, 1, &mut stream(&query, round));
+        let found = self.contacts.handoffs(&query, HANDOFF_TRIES, 1, &mut stream(&query));
+        let named = |holds: &[Hold], pose: &Pose| {
+            let same = |hold: &&Hold| hold.object_in_tcp == *pose;
+            holds.iter().find(same).copied().unwrap_or(Hold { grasp: None, object_in_tcp: *pose })
+        };
         let witness = found.into_iter().next().map(|contact| HandoffWitness {
-            giver_hold: *giving,
-            receiver_hold: *taking,
+            giver_hold: named(giver_holds, &contact.giver_hold),
+            receiver_hold: named(receiver_holds, &contact.receiver_hold),
             giver_q: contact.giver_q,
             receiver_q: contact.receiver_q,
         });
@@ -229,8 +202,8 @@ impl SampledReach<'_> {
 }
 
 /// A stream that depends on what is asked alone.
-fn stream(query: &HandoffQuery<'_>, round: usize) -> Rng {
-    let arms = [query.giver.0 as u64, query.receiver.0 as u64, round as u64];
+fn stream(query: &HandoffQuery<'_>) -> Rng {
+    let arms = [query.giver.0 as u64, query.receiver.0 as u64, query.giver_holds.len() as u64];
     let holds = query.giver_holds.iter().chain(query.receiver_holds).flat_map(|(_, hold)| bits(hold));
     Seed::mixed(arms.into_iter().chain(holds)).stream("handoff")
 }

@@ -34,12 +34,14 @@ impl ReachMemory {
             words.extend([matter, u64::from(*answer)]);
         }
         for (question, answer) in &known.handoffs {
-            let HandoffQuestion { class, giver, receiver, giver_grasp, receiver_grasp, round } = *question;
-            words.push(u64::from(class));
-            words.extend([giver, receiver, giver_grasp, receiver_grasp, round].map(|number| number as u64));
+            let HandoffQuestion { class, giver, receiver, giver_grasps, receiver_grasps } = question;
+            words.extend([u64::from(*class), *giver as u64, *receiver as u64]);
+            for grasps in [giver_grasps, receiver_grasps] {
+                words.push(grasps.len() as u64);
+                words.extend(grasps.iter().map(|grasp| *grasp as u64));
+            }
             words.push(u64::from(answer.is_some()));
-            if let Some(HandoffWitness { giver_hold, receiver_hold, giver_q, receiver_q }) = answer.as_deref()
-            {
+            if let Some(HandoffWitness { giver_hold, receiver_hold, giver_q, receiver_q }) = answer {
                 for hold in [giver_hold, receiver_hold] {
                     words.push(hold.grasp.map_or(0, |grasp| 1 + grasp as u64));
                     words.extend(bits(&hold.object_in_tcp));
@@ -85,23 +87,22 @@ impl ReachMemory {
                 known.rests.insert(question, words.next()? == 1);
             }
             for _ in 0..handoffs {
-                let [class, giver, receiver, giver_grasp] = four(words)?;
+                let [class, giver, receiver] = [words.next()?, words.next()?, words.next()?];
                 let question = HandoffQuestion {
                     class: u32::try_from(class).ok()?,
                     giver: giver as usize,
                     receiver: receiver as usize,
-                    giver_grasp: giver_grasp as usize,
-                    receiver_grasp: words.next()? as usize,
-                    round: words.next()? as usize,
+                    giver_grasps: grasps(words)?,
+                    receiver_grasps: grasps(words)?,
                 };
                 let witness = match words.next()? {
                     0 => None,
-                    _ => Some(Box::new(HandoffWitness {
+                    _ => Some(HandoffWitness {
                         giver_hold: hold(words)?,
                         receiver_hold: hold(words)?,
                         giver_q: configuration(words)?,
                         receiver_q: configuration(words)?,
-                    })),
+                    }),
                 };
                 known.handoffs.insert(question, witness);
             }
@@ -131,6 +132,10 @@ fn pose_bits(words: &mut Words<'_>) -> Option<[u64; 7]> {
         *word = words.next()?;
     }
     Some(pose)
+}
+
+fn grasps(words: &mut Words<'_>) -> Option<Vec<usize>> {
+    (0..words.next()?).map(|_| words.next().map(|grasp| grasp as usize)).collect()
 }
 
 fn hold(words: &mut Words<'_>) -> Option<Hold> {
@@ -171,9 +176,8 @@ mod tests {
             class: 1,
             giver,
             receiver: 3,
-            giver_grasp: 5,
-            receiver_grasp: 0,
-            round: 7,
+            giver_grasps: vec![0, 5],
+            receiver_grasps: Vec::new(),
         };
         let witness = HandoffWitness {
             giver_hold: hold,
