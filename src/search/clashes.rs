@@ -72,14 +72,10 @@ impl Search<'_> {
         let by = |arm: ArmId| {
             let acts =
                 |action: &&Move| [action.from, action.to].iter().any(|&n| self.map.arm(n) == Some(arm));
-            guide.immediate.iter().find(acts).copied()
+            guide.immediate.iter().find(acts).copied().filter(|action| self.is_bound(tau, action))
         };
         let (Some(a), Some(b)) = (by(one), by(two)) else { return };
-        if a == b || self.map.is_handoff(&a) || self.map.is_handoff(&b) {
-            return;
-        }
-        let bound = self.is_bound(tau, &a) && self.is_bound(tau, &b);
-        if bound && self.is_learnt(Pair::Contacts([a.min(b), a.max(b)]), CONTACTS_LEARNT_AFTER) {
+        if a != b && self.is_learnt(Pair::Contacts([a.min(b), a.max(b)]), CONTACTS_LEARNT_AFTER) {
             let mut actions = Vec::new();
             for action in [a, b] {
                 let same = |from, to| self.map.is_same(from, action.from) && self.map.is_same(to, action.to);

@@ -72,8 +72,10 @@ pub struct Search<'a> {
     /// Fewer steps than these are not sought: the bound of `network`, which has the rules learnt, too.
     pub(super) least_steps: usize,
     pub(super) cause: Option<String>,
-    /// Whether the number of steps was looked into thoroughly.
+    /// Whether the number of steps was looked into thoroughly, since the network last gained a rule; and whether that
+    /// of the map's own network was.
     pub(super) examined: bool,
+    certified: bool,
     /// The iteration that came to the first plan.
     first_at: u64,
 }
@@ -122,10 +124,12 @@ impl<'a> Search<'a> {
             least_steps: 0,
             cause: None,
             examined: false,
+            certified: false,
             first_at: 0,
         };
         search.guide(0, control);
         search.certificate = search.tree[0].guide.as_ref().and_then(|guide| guide.certificate);
+        search.certified = search.certificate.is_some_and(|known| known.optimum.is_some());
         search.least_steps = search.proved();
         search
     }
@@ -245,7 +249,7 @@ impl<'a> Search<'a> {
             return;
         }
         let has_rules = !Arc::ptr_eq(&self.network, self.map.network());
-        if self.certificate.is_none_or(|known| known.optimum.is_none())
+        if !std::mem::replace(&mut self.certified, true)
             && let Some(answer) = self.solve_thoroughly(&self.map.network().clone(), control)
         {
             let known = answer.certificate().copied();
