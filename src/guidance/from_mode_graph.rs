@@ -11,8 +11,11 @@
 
 use std::collections::BTreeMap;
 
-use super::instance::{Block, ConflictSet, Edge, Goal, Instance, Node, NodeId, NodeKind, Object};
-use crate::mode_graph::{Blockage, BlockedPart, ModeEdge, ModeGoal, ModeGraph, Place, RestAction};
+use super::instance::{
+    Block, Clash, Clashing, ConflictSet, Edge, Goal, Instance, Node, NodeId, NodeKind, Object,
+};
+use crate::mode_graph::{Blockage, BlockedPart, CarryEnd, ModeEdge, ModeGoal, ModeGraph, Place, RestAction};
+use crate::workcell::{ArmId, ObjectId};
 
 /// The instance of a mode graph, and which node of the graph each of its nodes stands for: node `n` of
 /// the graph is `NodeId(n)`, nodes beyond are hands. Object `o` is object `o`.
@@ -20,10 +23,15 @@ pub fn instance_of(graph: &ModeGraph) -> (Instance, Vec<usize>) {
     let mut instance = plain(graph);
     let mut stands_for: Vec<usize> = (0..graph.nodes.len()).collect();
     let mut hands: BTreeMap<usize, Vec<NodeId>> = BTreeMap::new();
+    let mut carries: BTreeMap<CarryEnd, Clashing> = BTreeMap::new();
     for object in 0..graph.objects.len() {
         if let Some(refined) = Refined::new(graph, object) {
-            refined.enter(graph, &mut instance, &mut stands_for, &mut hands);
+            refined.enter(graph, &mut instance, &mut stands_for, &mut hands, &mut carries);
         }
+    }
+    for ends in &graph.crowdings {
+        let actions: Option<Vec<Clashing>> = ends.iter().map(|end| carries.get(end).copied()).collect();
+        instance.clashes.extend(actions.map(|actions| Clash { actions }));
     }
     for blockage in &graph.blockages {
         block_contact(graph, blockage, &mut instance, &stands_for);
@@ -111,7 +119,8 @@ fn block_contact(graph: &ModeGraph, blockage: &Blockage, instance: &mut Instance
     instance.blocks.extend(ends.into_iter().map(|(from, to)| Block { from, to, at }));
 }
 
-/// An object of which some carries are special.
+/// An object of which some carries are special. One that is back in the region of its start counts as if it
+/// stood there still.
 struct Refined {
     object: usize,
     class: usize,
@@ -119,7 +128,8 @@ struct Refined {
     goal: usize,
     /// Arms by number, first to last.
     barred: Vec<Vec<usize>>,
-    /// Carries that something may be in the way of, with what is in the way of their picks and places.
+    /// Carries that something may be in the way of, with what is in the way of their picks and places, and those
+    /// that clash with others.
     guarded: BTreeMap<Vec<usize>, Vec<(RestAction, usize)>>,
 }
 
@@ -136,19 +146,24 @@ impl Refined {
                 guarded.entry(carriers).or_default().push((*action, blockage.at));
             }
         }
+        for end in graph.crowdings.iter().flatten().filter(|end| end.object.0 == index) {
+            guarded.entry(end.carriers.iter().map(|arm| arm.0).collect()).or_default();
+        }
         if barred.is_empty() && guarded.is_empty() {
             return None;
         }
         let object = graph.objects.get(index)?;
         let ModeGoal::Nodes(goals) = &object.goal else { return None };
         let &[goal] = goals.as_slice() else { return None };
-        let slot = |node: usize| match &graph.nodes.get(node)?.place {
-            Place::Slot(slot) => Some(slot),
-            _ => None,
+        let slots = |node: usize| match graph.nodes.get(node).map(|node| &node.place) {
+            Some(Place::Slot(slot)) => std::slice::from_ref(slot),
+            Some(Place::Region(region)) => &region.merged,
+            _ => &[],
         };
-        let is_own_goal = slot(goal)?.goal_of.is_some_and(|object| object.0 == index);
+        let own = Some(ObjectId(index));
+        let is_own_goal = slots(goal).iter().any(|slot| slot.goal_of == own);
         let is_own_start = graph.arm_of(object.start).is_some()
-            || slot(object.start)?.start_of.is_some_and(|object| object.0 == index);
+            || slots(object.start).iter().any(|slot| slot.start_of == own);
         (is_own_goal && is_own_start).then_some(Self {
             object: index,
             class: object.class,
@@ -171,6 +186,7 @@ impl Refined {
         instance: &mut Instance,
         stands_for: &mut Vec<usize>,
         hands: &mut BTreeMap<usize, Vec<NodeId>>,
+        carries: &mut BTreeMap<CarryEnd, Clashing>,
     ) {
         let class = 1 + instance.objects.iter().map(|object| object.class).max().unwrap_or(0);
         let mut nodes = std::mem::take(&mut instance.nodes);
@@ -233,11 +249,22 @@ impl Refined {
             for (edge, ends) in edges.iter().zip(at.windows(2)) {
                 instance.edges.push(as_edge(edge, ends[0], ends[1], class));
             }
-            for &(action, blocker) in guards {
-                let (from, to) = match action {
-                    RestAction::Pick => (at[0], at[1]),
-                    RestAction::Place => (at[at.len() - 2], at[at.len() - 1]),
+            let edge_of = |action: RestAction| match action {
+                RestAction::Pick => (at[0], at[1]),
+                RestAction::Place => (at[at.len() - 2], at[at.len() - 1]),
+            };
+            for action in [RestAction::Pick, RestAction::Place] {
+                let (from, to) = edge_of(action);
+                let end = CarryEnd {
+                    object: ObjectId(self.object),
+                    action,
+                    carriers: carriers.iter().copied().map(ArmId).collect(),
                 };
+                let action = Clashing { from: NodeId(from), to: NodeId(to), object: Some(self.object) };
+                carries.insert(end, action);
+            }
+            for &(action, blocker) in guards {
+                let (from, to) = edge_of(action);
                 instance.blocks.push(Block { from: NodeId(from), to: NodeId(to), at: NodeId(blocker) });
             }
         }

@@ -198,7 +198,17 @@ fn assemble(problem: &Problem, survey: Survey, complete: bool, merge_goals: bool
         .filter_map(|o| Some(Blockage { object: o.object, part: o.part, at: slot_node[o.at]? }))
         .collect();
     blockages.sort();
-    ModeGraph { kind: GraphKind::Guidance, nodes, edges, conflicts, objects, barred, blockages, complete }
+    ModeGraph {
+        kind: GraphKind::Guidance,
+        nodes,
+        edges,
+        conflicts,
+        objects,
+        barred,
+        blockages,
+        crowdings: Vec::new(),
+        complete,
+    }
 }
 
 pub(super) fn arm_nodes(problem: &Problem) -> Vec<ModeNode> {

@@ -163,6 +163,17 @@ pub struct Blockage {
     pub at: usize,
 }
 
+/// A pick from an object's start, or a place at its goal, by the way of a straight carry.
+#[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord)]
+pub struct CarryEnd {
+    /// The object.
+    pub object: ObjectId,
+    /// Which end of the carry.
+    pub action: RestAction,
+    /// The arms (one, or two that hand over) that carry it straight from start to goal, first to last.
+    pub carriers: Vec<ArmId>,
+}
+
 /// The mode graph of a problem. Nodes are numbered; the first ones are the arms, in order.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ModeGraph {
@@ -180,6 +191,9 @@ pub struct ModeGraph {
     pub barred: Vec<BarredCarry>,
     /// What stands in the way of what, sorted. None on the optimistic graph.
     pub blockages: Vec<Blockage>,
+    /// Actions of which no two contacts were found that leave both arms room, in any holds that suit their
+    /// carries: not to be done in one step. Looked for where a plan has both in one; none at first.
+    pub crowdings: Vec<[CarryEnd; 2]>,
     /// Whether the build came to its end; `false` when it was stopped and regions, spots or
     /// handoffs may be missing.
     pub complete: bool,

@@ -27,8 +27,8 @@ mod witness;
 
 pub use build::{ModeGraphOptions, build_mode_graph};
 pub use graph::{
-    BarredCarry, Blockage, BlockedPart, GraphKind, ModeEdge, ModeGoal, ModeGraph, ModeNode, ModeObject,
-    NodeConflict, Place, Placement, Region, Slot, Spot,
+    BarredCarry, Blockage, BlockedPart, CarryEnd, GraphKind, ModeEdge, ModeGoal, ModeGraph, ModeNode,
+    ModeObject, NodeConflict, Place, Placement, Region, Slot, Spot,
 };
 pub use optimistic::optimistic_mode_graph;
 pub use reach::{HandoffWitness, Hold, Reach, RestAction, RestContact};

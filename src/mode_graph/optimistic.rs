@@ -84,6 +84,7 @@ pub fn optimistic_mode_graph(problem: &Problem) -> ModeGraph {
         conflicts,
         objects,
         barred: Vec::new(),
+        crowdings: Vec::new(),
         blockages: Vec::new(),
         complete: true,
     }

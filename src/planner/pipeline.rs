@@ -1,11 +1,11 @@
 //! From a problem to judged incumbents.
 
-use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Mutex, OnceLock};
 
 use crate::collision::CollisionWorld;
-use crate::guidance::{Answer, Certificate, Cuts, Effort, Instance, Network, Proof, solve};
-use crate::mode_graph::{ModeGraphOptions, build_mode_graph, optimistic_mode_graph};
+use crate::guidance::{Answer, Certificate, Cuts, Effort, Instance, InstanceError, Network, Proof, solve};
+use crate::mode_graph::{ModeGraph, ModeGraphOptions, build_mode_graph, optimistic_mode_graph};
 use crate::motion::Roadmap;
 use crate::plan::{Metrics, Plan, StepsProof};
 use crate::problem::{Objective, Problem};
@@ -16,6 +16,9 @@ use crate::verify::verify;
 
 use super::cache::PlannerCache;
 use super::event::{Outcome, PlannerEvent, Termination};
+
+/// Pairs of actions that are looked at closely and found not to go together in one step before the search begins.
+const MOST_CROWDINGS: usize = 8;
 
 /// Least time (s) between two signs of life.
 const PROGRESS_PERIOD_S: f64 = 0.25;
@@ -81,9 +84,13 @@ fn run(
                    reached everything within their greatest reach";
         return failed(Termination::Infeasible, why.to_owned());
     }
-    let contacts = reach.into_contacts();
-    let map = match Map::new(graph) {
-        Ok(map) => map,
+    let maps: Vec<OnceLock<Map>> = (0..=MOST_CROWDINGS).map(|_| OnceLock::new()).collect();
+    let begin = |map, contacts| {
+        let (settings, roadmaps) = (Settings::default(), compiled.roadmaps().to_vec());
+        Search::new(problem, &world, map, contacts, roadmaps, settings, seed, control)
+    };
+    let search = match settle(graph, reach.into_contacts(), &maps, begin, control) {
+        Ok(search) => search,
         Err(error) => {
             return failed(Termination::NoSolutionFound, format!("the mode graph makes no sense: {error}"));
         }
@@ -92,7 +99,7 @@ fn run(
         problem,
         world: &world,
         roadmaps: compiled.roadmaps(),
-        map: &map,
+        map: search.map(),
         control,
         known,
         bound: bound.steps,
@@ -112,10 +119,36 @@ fn run(
     if let Some(Metrics { duration_s, steps, .. }) = known.map(|plan| &plan.metrics) {
         run.lock(|board| run.check_goals(board, *duration_s, *steps));
     }
-    run.search_with(problem.options.threads.max(1), contacts, seed);
+    run.search_with(problem.options.threads.max(1), search, seed);
     let outcome = run.outcome();
     cache.keep(problem, &compiled);
     outcome
+}
+
+/// A search on `graph`, to which it is added what cannot be done at once on the way that the search sets out
+/// on; `begin` makes a search of a map and the contacts known.
+fn settle<'a>(
+    mut graph: ModeGraph,
+    mut contacts: Contacts<'a>,
+    maps: &'a [OnceLock<Map>],
+    begin: impl Fn(&'a Map, Contacts<'a>) -> Search<'a>,
+    control: &Control,
+) -> Result<Search<'a>, InstanceError> {
+    let mut round = 0;
+    loop {
+        let made = Map::new(graph)?;
+        let map = maps[round].get_or_init(|| made);
+        let mut search = begin(map, contacts);
+        round += 1;
+        if round == maps.len() {
+            return Ok(search);
+        }
+        let Some(crowding) = search.crowding(control) else { return Ok(search) };
+        tracing::debug!(?crowding, "two ends of carries leave each other no room");
+        graph = map.graph().clone();
+        graph.crowdings.push(crowding);
+        contacts = search.contacts().clone();
+    }
 }
 
 /// What the optimistic graph proves about every synchronised plan.
@@ -171,32 +204,25 @@ struct Board<'o> {
 }
 
 impl<'a> Run<'a, '_> {
-    fn search_with(&self, threads: usize, contacts: Contacts<'a>, seed: Seed) {
-        if threads == 1 {
-            self.search(contacts, seed);
-            return;
-        }
+    fn search_with(&self, threads: usize, first: Search<'a>, seed: Seed) {
         std::thread::scope(|scope| {
-            for index in 0..threads {
+            for index in 1..threads {
                 let own = seed.part(index as u64);
-                let contacts = contacts.clone().with_rng(own.stream("contacts"));
-                scope.spawn(move || self.search(contacts, own));
+                let contacts = first.contacts().clone().with_rng(own.stream("contacts"));
+                let (settings, roadmaps) = (Settings::default(), self.roadmaps.to_vec());
+                scope.spawn(move || {
+                    let (problem, world, map) = (self.problem, self.world, self.map);
+                    let search =
+                        Search::new(problem, world, map, contacts, roadmaps, settings, own, self.control);
+                    self.search(search);
+                });
             }
+            self.search(first);
         });
     }
 
     /// One thread's search until a stop condition is met.
-    fn search(&self, contacts: Contacts<'a>, seed: Seed) {
-        let mut search = Search::new(
-            self.problem,
-            self.world,
-            self.map,
-            contacts,
-            self.roadmaps.to_vec(),
-            Settings::default(),
-            seed,
-            self.control,
-        );
+    fn search(&self, mut search: Search<'a>) {
         self.sign_of_life();
         let mut own = self.known.map(|plan| plan.metrics.cost(self.problem.options.objective));
         if let (Some(known), Some(cost)) = (self.known, own)

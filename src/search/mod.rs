@@ -21,6 +21,7 @@
 mod candidate;
 mod chain;
 mod clashes;
+mod crowding;
 mod finish;
 mod forecast;
 mod ground;

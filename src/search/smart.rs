@@ -78,6 +78,8 @@ pub struct Search<'a> {
     certified: bool,
     /// The iteration that came to the first plan.
     first_at: u64,
+    /// What to do from the start, where that was worked out already.
+    pub(super) prepared: Option<(Guide, Outline)>,
 }
 
 impl<'a> Search<'a> {
@@ -126,12 +128,23 @@ impl<'a> Search<'a> {
             examined: false,
             certified: false,
             first_at: 0,
+            prepared: None,
         };
         search.guide(0, control);
         search.certificate = search.tree[0].guide.as_ref().and_then(|guide| guide.certificate);
         search.certified = search.certificate.is_some_and(|known| known.optimum.is_some());
         search.least_steps = search.proved();
         search
+    }
+
+    /// The mode graph with its network.
+    pub fn map(&self) -> &'a Map {
+        self.map
+    }
+
+    /// The contacts found so far, for another search.
+    pub fn contacts(&self) -> &Contacts<'a> {
+        &self.grounder.contacts
     }
 
     /// Iterations so far.
@@ -200,7 +213,8 @@ impl<'a> Search<'a> {
             // Only the root can be selected as a goal: nothing has to be done.
             return self.finish(tau, control);
         }
-        let Some((guide, outline)) = self.advise(tau, control) else {
+        let prepared = if tau == 0 { self.prepared.take() } else { None };
+        let Some((guide, outline)) = prepared.or_else(|| self.advise(tau, control)) else {
             if self.tree[tau].guide.is_none() {
                 self.tree[tau].failures += 1;
             }

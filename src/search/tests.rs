@@ -8,18 +8,19 @@ use super::ground::GroundingFailure;
 use super::step::Setback;
 use super::tree::Whereabouts;
 use super::*;
-use crate::collision::CollisionWorld;
+use crate::collision::{CollisionWorld, Exemption, Held};
 use crate::guidance::{
     Cuts, Effort, Guide, Instance, ModeState, Move, Network, Solution, Violation, check, solve,
 };
+use crate::mode_graph::{CarryEnd, RestAction};
 use crate::mode_graph::{ModeGraphOptions, build_mode_graph};
 use crate::motion::{ArmGoal, Roadmap, StepFailure};
-use crate::problem::Problem;
+use crate::problem::{GoalPlacement, InitialPlacement, Problem};
 use crate::run::{Control, Rng, Seed};
 use crate::scenario::{Family, generate};
-use crate::transition::SampledReach;
+use crate::transition::{Contact, ContactKind, ContactQuery, Contacts, HandoffQuery, SampledReach};
 use crate::wire::{LibraryOnly, ReadLimits, read_problem_value};
-use crate::workcell::ArmId;
+use crate::workcell::{ArmId, ObjectId};
 
 fn problem(family: Family, seed: u64) -> Problem {
     let document = generate(family, 4, 4, seed).unwrap();
@@ -168,6 +169,96 @@ fn contacts_that_never_fit_into_one_step_become_a_rule_for_their_objects() {
         });
     }
     assert!(learnt > 0);
+}
+
+/// The contacts of `end` in all holds in which its object can be carried, sampled for themselves.
+fn contacts_of_carry(
+    problem: &Problem,
+    world: &CollisionWorld,
+    end: &CarryEnd,
+    rng: &mut Rng,
+) -> (ArmId, Vec<Contact>) {
+    let mut contacts = Contacts::new(problem, world, Seed(99).stream("fresh"));
+    let object = end.object;
+    let (InitialPlacement::Resting { pose, surface }, GoalPlacement::Pose { pose: goal, surface: on }) =
+        (&problem.initial[object.0], &problem.goal[object.0])
+    else {
+        panic!("from a pose to a pose");
+    };
+    let (giver, receiver) = (end.carriers[0], *end.carriers.last().unwrap());
+    let ask =
+        |kind, arm, pose: &_, surface: &_| ContactQuery { kind, arm, object, pose: *pose, surface: *surface };
+    let pick = ask(ContactKind::Pick, giver, pose, surface);
+    let place = ask(ContactKind::Place, receiver, goal, on);
+    let (taking, putting) = (contacts.holds(&pick), contacts.holds(&place));
+    let (arm, asked, own) = match end.action {
+        RestAction::Pick => (giver, pick, &taking),
+        RestAction::Place => (receiver, place, &putting),
+    };
+    let mut found = Vec::new();
+    for hold in own {
+        let alone = std::slice::from_ref(hold);
+        let (giver_holds, receiver_holds) = match end.action {
+            RestAction::Pick => (alone, &putting[..]),
+            RestAction::Place => (&taking[..], alone),
+        };
+        let (object, near) = (end.object, &[][..]);
+        let handoff = HandoffQuery {
+            giver,
+            receiver,
+            object,
+            giver_holds,
+            receiver_holds,
+            giver_near: near,
+            receiver_near: near,
+        };
+        if giver == receiver || !contacts.handoffs(&handoff, 200, 1, rng).is_empty() {
+            for _ in 0..4 {
+                contacts.more(&asked, &hold.1);
+            }
+            found.extend(contacts.at(&asked, &hold.1).iter().cloned());
+        }
+    }
+    (arm, found)
+}
+
+#[test]
+fn ends_of_carries_leave_room_or_are_not_to_be_in_one_step() {
+    let control = Control::unbounded();
+    let mut crowded = 0;
+    for seed in 0..3 {
+        let problem = problem(Family::Switch, seed);
+        with_search(&problem, |search, map, rng| {
+            assert!(map.graph().crowdings.is_empty());
+            let Some([one, two]) = search.crowding(&control) else { return };
+            crowded += 1;
+            let world = CollisionWorld::new(&problem);
+            let (first, of_one) = contacts_of_carry(&problem, &world, &one, rng);
+            let (second, of_two) = contacts_of_carry(&problem, &world, &two, rng);
+            assert!(of_one.len() > 20 && of_two.len() > 20, "{} and {}", of_one.len(), of_two.len());
+            let held = |object: ObjectId, contact: &Contact, holds: bool| {
+                holds.then_some(Held { object, object_in_tcp: contact.object_in_tcp })
+            };
+            let none = Exemption::default();
+            for (a, b) in of_one.iter().flat_map(|a| of_two.iter().map(move |b| (a, b))) {
+                let apart = [RestAction::Place, RestAction::Pick].into_iter().all(|holder| {
+                    let in_one = held(one.object, a, one.action == holder);
+                    let in_two = held(two.object, b, two.action == holder);
+                    world.arms_apart(
+                        (first, &a.q, in_one.as_ref(), none),
+                        (second, &b.q, in_two.as_ref(), none),
+                    )
+                });
+                assert!(!apart, "{one:?} and {two:?} leave room");
+            }
+            // The search that follows does not have them in one step.
+            let mut graph = map.graph().clone();
+            graph.crowdings.push([one, two]);
+            let refined = Map::new(graph).unwrap();
+            assert_eq!(refined.network().instance().clashes.len(), 1);
+        });
+    }
+    assert!(crowded > 0);
 }
 
 #[test]

@@ -11,7 +11,7 @@ use smallvec::SmallVec;
 use super::angles::{fit_all, neutral, weighted_square};
 use super::euler::AxisTriple;
 use super::spherical_seven::common_point;
-use super::subproblems::{Turn, turn_onto, turns_to_component};
+use super::subproblems::{Component, Turn, turn_onto, turns_to_component};
 use crate::geometry::{Pose, Vec3};
 use crate::kinematics::chain::Chain;
 use crate::kinematics::{Config, JointLimits};
@@ -34,7 +34,20 @@ pub(super) struct SixAxes {
     points: [Vec3; 6],
     /// The mount frame.
     mount: Pose,
+    elbow: Elbow,
     wrist: Wrist,
+}
+
+/// Joints 2 and 3, which bring a point of the wrist where it should be.
+#[derive(Debug, Clone)]
+struct Elbow {
+    /// From axis 2 to axis 3, and from there to the point.
+    upper: Vec3,
+    lower: Vec3,
+    /// The sum of their squares.
+    squares: f64,
+    /// How far the lower part reaches along the upper.
+    component: Component,
 }
 
 #[derive(Debug, Clone)]
@@ -53,6 +66,10 @@ struct ParallelWrist {
     sign3: f64,
     /// The same for axis 4.
     sign4: f64,
+    /// Axis 6 turned about axis 5, along the common direction.
+    last: Component,
+    /// A direction across the common one.
+    side: Vec3,
 }
 
 impl SixAxes {
@@ -75,16 +92,31 @@ impl SixAxes {
             Some(wrist) => wrist,
             None if parallel(1, 3) && !parallel(1, 4) && !parallel(4, 5) => {
                 let meeting = common_point(&lines[4..6])?;
-                Wrist::Parallel(ParallelWrist { meeting, sign3: sign(2), sign4: sign(3) })
+                let [common, fifth, sixth] = [1, 4, 5].map(|axis| lines[axis].0.normalize());
+                Wrist::Parallel(ParallelWrist {
+                    meeting,
+                    sign3: sign(2),
+                    sign4: sign(3),
+                    last: Component::new(&fifth, &sixth, &common),
+                    side: common.cross(&least_aligned(&common)),
+                })
             }
             None => return None,
         };
-        Some(Self {
-            axes: std::array::from_fn(|index| lines[index].0.normalize()),
-            points: std::array::from_fn(|index| lines[index].1),
-            mount: chain.mount_pose(&[0.0; 6]),
-            wrist,
-        })
+        let axes: [Vec3; 6] = std::array::from_fn(|index| lines[index].0.normalize());
+        let points: [Vec3; 6] = std::array::from_fn(|index| lines[index].1);
+        let bent = match &wrist {
+            Wrist::Spherical { centre, .. } => *centre,
+            Wrist::Parallel(_) => points[3],
+        };
+        let (upper, lower) = (points[2] - points[1], bent - points[2]);
+        let elbow = Elbow {
+            upper,
+            lower,
+            squares: upper.norm_squared() + lower.norm_squared(),
+            component: Component::new(&axes[2], &lower, &upper),
+        };
+        Some(Self { axes, points, mount: chain.mount_pose(&[0.0; 6]), elbow, wrist })
     }
 
     /// Whether the wrist's axes meet in one point.
@@ -114,8 +146,8 @@ impl SixAxes {
             let first = back.back().angle();
             let turned_back = unturn * from_first + self.points[0];
             match &self.wrist {
-                Wrist::Spherical { centre, triple } => {
-                    for [second, third] in self.bend(centre, &turned_back, hold).into_iter().flatten() {
+                Wrist::Spherical { triple, .. } => {
+                    for [second, third] in self.bend(&turned_back, hold).into_iter().flatten() {
                         let before =
                             unturn.transpose() * second.about(&self.axes[1]) * third.about(&self.axes[2]);
                         let m = (before * triple.frame).transpose() * rotation * triple.end;
@@ -139,7 +171,7 @@ impl SixAxes {
     /// `shift`.
     fn parallel_wrist(
         &self,
-        ParallelWrist { meeting, sign3, sign4 }: &ParallelWrist,
+        ParallelWrist { meeting, sign3, sign4, last: sixth_axis, side }: &ParallelWrist,
         first: f64,
         rest: &Matrix3<f64>,
         shift: &Vec3,
@@ -150,8 +182,9 @@ impl SixAxes {
         let last = self.axes[5];
         let component = common.dot(&(rest * last));
         let from = rest.transpose() * common;
-        let side = common.cross(&least_aligned(&common));
-        let fifths = turns_to_component(&self.axes[4], &last, &common, component, hold[4]);
+        let wrist = &self.points[3];
+        let moved = rest * meeting + shift;
+        let fifths = sixth_axis.turns(component, hold[4]);
         for (fifth, sense) in fifths.into_iter().zip([1.0, -1.0]) {
             let mut to = fifth.back().apply(&self.axes[4], &common);
             if last.cross(&to).norm_squared() < NEAR_SINGULAR * NEAR_SINGULAR {
@@ -165,10 +198,9 @@ impl SixAxes {
             // What joints 2 to 4 have to do to a direction.
             let (fifth_back, sixth_back) = (fifth.back(), sixth.back());
             let planar = |v: &Vec3| rest * sixth_back.apply(&last, &fifth_back.apply(&self.axes[4], v));
-            let wrist = &self.points[3];
-            let Some(total) = turn_onto(&common, &side, &planar(&side)) else { continue };
-            let goal = planar(&(wrist - meeting)) + rest * meeting + shift;
-            let bends = self.bend(wrist, &goal, hold);
+            let Some(total) = turn_onto(&common, side, &planar(side)) else { continue };
+            let goal = planar(&(wrist - meeting)) + moved;
+            let bends = self.bend(&goal, hold);
             if bends == [None, None] {
                 continue;
             }
@@ -181,16 +213,14 @@ impl SixAxes {
         }
     }
 
-    /// Turns of joints 2 and 3 that bring `point` to `goal`, at most two ways.
-    fn bend(&self, point: &Vec3, goal: &Vec3, hold: &[f64; 6]) -> [Option<[Turn; 2]>; 2] {
-        let upper = self.points[2] - self.points[1];
-        let lower = point - self.points[2];
+    /// Turns of joints 2 and 3 that bring the wrist's point to `goal`, at most two ways.
+    fn bend(&self, goal: &Vec3, hold: &[f64; 6]) -> [Option<[Turn; 2]>; 2] {
+        let Elbow { upper, lower, squares, component } = &self.elbow;
         let way = goal - self.points[1];
-        let product = (way.norm_squared() - upper.norm_squared() - lower.norm_squared()) / 2.0;
+        let product = (way.norm_squared() - squares) / 2.0;
         let mut bends = [None; 2];
-        let thirds = turns_to_component(&self.axes[2], &lower, &upper, product, hold[2]);
-        for (third, bend) in thirds.into_iter().zip(&mut bends) {
-            let bent = upper + third.apply(&self.axes[2], &lower);
+        for (third, bend) in component.turns(product, hold[2]).into_iter().zip(&mut bends) {
+            let bent = upper + third.apply(&self.axes[2], lower);
             let second = turn_onto(&self.axes[1], &bent, &way).unwrap_or_else(|| Turn::by(hold[1]));
             *bend = Some([second, third]);
         }

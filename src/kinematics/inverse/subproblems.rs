@@ -68,6 +68,59 @@ impl Turn {
     }
 }
 
+/// The component along a direction that a vector has when it is turned about an axis.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Component {
+    /// What it has whatever the turn.
+    along: f64,
+    /// What the turn adds to that at most, and one over it; both 0 where turns change nothing.
+    size: f64,
+    per_size: f64,
+    /// Cosine and sine of the turn that adds most.
+    x: f64,
+    y: f64,
+}
+
+impl Component {
+    /// Of `vector` turned about the unit vector `axis`, along `direction`.
+    pub fn new(axis: &Vec3, vector: &Vec3, direction: &Vec3) -> Self {
+        let along = direction.dot(axis) * vector.dot(axis);
+        let even = direction.dot(vector) - along;
+        let odd = direction.dot(&axis.cross(vector));
+        let size = (even * even + odd * odd).sqrt();
+        if size < NOTHING {
+            return Self { along, size: 0.0, per_size: 0.0, x: 0.0, y: 0.0 };
+        }
+        let per_size = 1.0 / size;
+        Self { along, size, per_size, x: even * per_size, y: odd * per_size }
+    }
+
+    /// The turns after which it is `component`. Where any will do, the one by `hold` (rad).
+    pub fn turns(&self, component: f64, hold: f64) -> Turns {
+        let wanted = component - self.along;
+        let mut turns = Turns::new();
+        if self.size == 0.0 {
+            if wanted.abs() < 1e-9 {
+                turns.push(Turn::by(hold));
+            }
+            return turns;
+        }
+        let cosine = wanted * self.per_size;
+        // Also refuses NaN.
+        if cosine.abs() <= 1.0 + ROUNDING {
+            // Either way from where the component is greatest.
+            let (x, y) = (self.x, self.y);
+            let c = cosine.clamp(-1.0, 1.0);
+            let s = (1.0 - c * c).sqrt();
+            turns.push(Turn { cosine: x * c - y * s, sine: y * c + x * s });
+            if s > 0.0 {
+                turns.push(Turn { cosine: x * c + y * s, sine: y * c - x * s });
+            }
+        }
+        turns
+    }
+}
+
 /// The turns of `vector` about `axis` after which its component along `direction` is `component`.
 /// Where any will do, the one by `hold` (rad).
 pub(super) fn turns_to_component(
@@ -77,31 +130,7 @@ pub(super) fn turns_to_component(
     component: f64,
     hold: f64,
 ) -> Turns {
-    let along = direction.dot(axis) * vector.dot(axis);
-    let even = direction.dot(vector) - along;
-    let odd = direction.dot(&axis.cross(vector));
-    let size = (even * even + odd * odd).sqrt();
-    let wanted = component - along;
-    let mut turns = Turns::new();
-    if size < NOTHING {
-        if wanted.abs() < 1e-9 {
-            turns.push(Turn::by(hold));
-        }
-        return turns;
-    }
-    let cosine = wanted / size;
-    // Also refuses NaN.
-    if cosine.abs() <= 1.0 + ROUNDING {
-        // Either way from where the component is greatest.
-        let (x, y) = (even / size, odd / size);
-        let c = cosine.clamp(-1.0, 1.0);
-        let s = (1.0 - c * c).sqrt();
-        turns.push(Turn { cosine: x * c - y * s, sine: y * c + x * s });
-        if s > 0.0 {
-            turns.push(Turn { cosine: x * c + y * s, sine: y * c - x * s });
-        }
-    }
-    turns
+    Component::new(axis, vector, direction).turns(component, hold)
 }
 
 /// The turn of `from` about `axis` to point, seen along the axis, as `to` does; `None` where one of

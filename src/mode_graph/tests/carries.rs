@@ -6,7 +6,7 @@ use super::cell::{Cell, Cube, PlainReach, at};
 use crate::geometry::Vec3;
 use crate::guidance::{Answer, Cuts, Effort, Instance, Network, NodeId, Solution, check, instance_of, solve};
 use crate::mode_graph::{
-    BarredCarry, Blockage, BlockedPart, ModeGraph, ModeGraphOptions, RestAction, build_mode_graph,
+    BarredCarry, Blockage, BlockedPart, CarryEnd, ModeGraph, ModeGraphOptions, RestAction, build_mode_graph,
 };
 use crate::problem::{GoalPlacement, InitialPlacement, Problem};
 use crate::run::{Control, Seed};
@@ -106,4 +106,52 @@ fn what_stands_beside_a_goal_is_placed_in_order() {
     let known = |at: NodeId| tight.blockages.iter().any(|blockage| blockage.at == at.0);
     assert!(instance.blocks.iter().all(|block| known(block.at)));
     plan(&tight).0.unwrap();
+}
+
+/// The ends of straight carries in the steps of a plan: the step, and which end of whose carry.
+fn ends(graph: &ModeGraph, found: &Solution, stands_for: &[usize]) -> Vec<(usize, CarryEnd)> {
+    let mut ends = Vec::new();
+    for index in 0..graph.objects.len() {
+        let moves =
+            found.steps.iter().enumerate().flat_map(|(step, moves)| moves.iter().map(move |m| (step, m)));
+        let way: Vec<(usize, usize)> = moves
+            .filter(|(_, action)| action.object == index)
+            .map(|(step, action)| (step, stands_for[action.to.0]))
+            .collect();
+        let arms: Vec<ArmId> = way.iter().filter_map(|&(_, node)| graph.arm_of(node)).collect();
+        let is_straight = arms.len() + 1 == way.len() && arms.len() <= 2;
+        if let (true, Some(first), Some(last)) = (is_straight, way.first(), way.last()) {
+            for (step, action) in [(first.0, RestAction::Pick), (last.0, RestAction::Place)] {
+                ends.push((step, CarryEnd { object: ObjectId(index), action, carriers: arms.clone() }));
+            }
+        }
+    }
+    ends
+}
+
+#[test]
+fn ends_of_carries_that_leave_no_room_come_in_different_steps() {
+    let problem = turned_and_straight(0.12).problem();
+    let mut graph = graph(&problem, 0.7, 0.0);
+    let (found, stands_for) = plan(&graph);
+    let fewest = found.as_ref().unwrap().steps.len();
+    let mut at_once = ends(&graph, &found.unwrap(), &stands_for);
+    let mut rounds = 0;
+    // The plan with the fewest steps places one cube and picks the other in one step; however that is done, it is
+    // given up in the end.
+    loop {
+        let pair = at_once.iter().enumerate().find_map(|(index, (step, one))| {
+            let other = at_once[..index].iter().find(|(at, two)| at == step && two.object != one.object);
+            other.map(|(_, two)| [two.clone(), one.clone()])
+        });
+        let Some(pair) = pair else { break };
+        assert!(!graph.crowdings.contains(&pair), "{pair:?} in one step all the same");
+        graph.crowdings.push(pair);
+        rounds += 1;
+        let (found, stands_for) = plan(&graph);
+        at_once = ends(&graph, &found.unwrap(), &stands_for);
+    }
+    let instance = Instance::from(&graph);
+    assert_eq!(instance.clashes.len(), rounds);
+    assert!(rounds > 0 && plan(&graph).0.unwrap().steps.len() > fewest);
 }
