@@ -8,6 +8,7 @@ use clap::ValueEnum;
 use super::{Answer, CliError, budget, input};
 use crate::collision::CollisionWorld;
 use crate::mode_graph::{ModeGraphOptions, build_mode_graph, find_witnesses, optimistic_mode_graph};
+use crate::planner::settled_mode_graph;
 use crate::run::{Control, Seed};
 use crate::service::mode_graph_document;
 use crate::transition::SampledReach;
@@ -58,7 +59,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<Answer, CliError> {
         let mut reach = SampledReach::new(&problem, &world, seed);
         let mut graph = build_mode_graph(&problem, &mut reach, &ModeGraphOptions::planning(), &control);
         find_witnesses(&problem, &mut graph, &mut reach, &control);
-        graph
+        settled_mode_graph(&problem, &world, graph, reach, seed, &control)
     };
     let format = match (arguments.json, arguments.dot) {
         (true, _) => Format::Json,

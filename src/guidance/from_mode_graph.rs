@@ -134,7 +134,8 @@ struct Refined {
 }
 
 impl Refined {
-    /// `None` where nothing is special, or where start or goal are no nodes of their own.
+    /// `None` where nothing is special, or where start or goal are neither slots nor part of a region as the
+    /// object's own.
     fn new(graph: &ModeGraph, index: usize) -> Option<Self> {
         let mine = graph.barred.iter().filter(|carry| carry.object.0 == index);
         let barred: Vec<Vec<usize>> =

@@ -13,6 +13,7 @@
 //! a rest and from there is that of any of them, so that nothing is asked for edges there.
 
 use super::network::Network;
+use crate::run::Control;
 
 /// Price that one unit of surplus adds per round.
 const STEP: i64 = 1;
@@ -108,9 +109,18 @@ impl Relaxation {
         }
     }
 
-    /// Up to `rounds` steps; true once the horizon is proved too short.
-    pub(super) fn refute(&mut self, network: &Network, start: &[u16], rounds: usize) -> bool {
-        for _ in 0..rounds {
+    /// Up to `rounds` steps, or until `control` says stop; true once the horizon is proved too short.
+    pub(super) fn refute(
+        &mut self,
+        network: &Network,
+        start: &[u16],
+        rounds: usize,
+        control: &Control,
+    ) -> bool {
+        for round in 0..rounds {
+            if round % 16 == 15 && control.should_stop() {
+                return false;
+            }
             self.surplus.clear();
             self.surplus.resize(self.horizon * self.width, 0);
             self.node_price.clear();

@@ -1,5 +1,5 @@
 //! Search for a plan of a given length: routes are planned one object after another with conflicts
-//! allowed at a price, then neighbourhoods of 2 to 6 objects around a conflict are taken out and
+//! allowed at a price, then neighbourhoods of 2 to 4 objects around a conflict are taken out and
 //! planned again until no conflict is left. Cells that stay contested grow dearer (negotiated
 //! congestion).
 //!
@@ -17,7 +17,7 @@ use rand::Rng as _;
 use rand::seq::{IndexedRandom as _, SliceRandom as _};
 
 /// Largest neighbourhood.
-const LARGEST: usize = 6;
+const LARGEST: usize = 4;
 /// By how much the price of a contested cell grows.
 const RAISE: u32 = 4;
 

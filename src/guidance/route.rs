@@ -62,6 +62,28 @@ impl RouteSearch {
             true => self.cost_of(network, timetable, tolls, object, old) + JITTER * horizon as u64,
             false => u64::MAX - 1,
         };
+        // Few ways have no conflict, and the cheapest of these is the cheapest of all.
+        let free = most.min(CONFLICT - 1);
+        let found = self.within(network, timetable, tolls, object, start, free, noise);
+        if found.is_some() || most == free {
+            return found;
+        }
+        self.within(network, timetable, tolls, object, start, most, noise)
+    }
+
+    /// [`Self::cheapest`] among the routes that cost `most` at most.
+    #[allow(clippy::too_many_arguments)]
+    fn within(
+        &mut self,
+        network: &Network,
+        timetable: &Timetable,
+        tolls: &Tolls,
+        object: usize,
+        start: usize,
+        most: u64,
+        noise: u64,
+    ) -> Option<Route> {
+        let horizon = timetable.horizon;
         let count = network.node_count();
         let kind = network.kind(object);
         let graph = if self.all_slots { network.graph(object) } else { &kind.lean };

@@ -175,7 +175,7 @@ const OPENING: usize = 6;
 /// States that the exhaustive search expands at each horizon before a longer one is tried.
 const FIRST_STATES: usize = 150;
 /// Objects in a neighbourhood, on average.
-const USUAL_NEIGHBOURHOOD: usize = 4;
+const USUAL_NEIGHBOURHOOD: usize = 3;
 /// Horizons that fail before it is suspected that there is no plan at all.
 const SUSPICIOUS: usize = 5;
 /// What a plan costs beyond its steps from which on others are made anew, where there are this many objects at
@@ -307,7 +307,12 @@ impl<'a> Run<'a> {
         let routes = self.network.object_count();
         let most = RELAXED / (routes * self.network.node_count() * self.lower).max(1);
         let rounds = self.affordable(rounds, routes, self.lower).min(most * rounds / 64 + 1);
-        self.relaxation.refute(self.network, self.start, rounds)
+        self.relaxation.refute(self.network, self.start, rounds, self.control)
+    }
+
+    /// Rounds of the relaxation that plan about as many routes as the repairs of a share do.
+    fn as_much_as_repairs(&self, share: usize) -> usize {
+        (20 * USUAL_NEIGHBOURHOOD * share / self.network.object_count().max(1)).clamp(1, 8 * share)
     }
 
     /// Whether there is nothing left to do, or no leave to do it.
@@ -449,7 +454,7 @@ impl<'a> Run<'a> {
         while self.best.is_some() && !self.is_over() {
             let horizon = self.steps() - 1;
             let mut found = false;
-            for (which, horizon, rounds) in [(NEAR, horizon, 16 * share), (FAR, self.lower, 16 * share)] {
+            for (which, horizon, rounds) in [(NEAR, horizon, 16 * share), (FAR, self.lower, 4 * share)] {
                 let rounds = rounds.min(repairs);
                 let twice = which == FAR && horizon + 1 == self.steps();
                 if rounds > 0 && !twice && !found && !self.control.should_stop() {
@@ -461,7 +466,7 @@ impl<'a> Run<'a> {
                 (repairs, share) = (self.effort.repair_rounds, 1);
                 continue;
             }
-            let rounds = (8 * share).min(refutations);
+            let rounds = self.as_much_as_repairs(share).min(refutations);
             refutations -= rounds;
             if self.refute(rounds) {
                 self.raise_lower();

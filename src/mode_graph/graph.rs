@@ -192,7 +192,7 @@ pub struct ModeGraph {
     /// What stands in the way of what, sorted. None on the optimistic graph.
     pub blockages: Vec<Blockage>,
     /// Actions of which no two contacts were found that leave both arms room, in any holds that suit their
-    /// carries: not to be done in one step. Looked for where a plan has both in one; none at first.
+    /// carries: not to be done in one step. Looked for where a plan has both in one (`planner`); none at first.
     pub crowdings: Vec<[CarryEnd; 2]>,
     /// Whether the build came to its end; `false` when it was stopped and regions, spots or
     /// handoffs may be missing.

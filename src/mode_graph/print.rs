@@ -6,7 +6,7 @@ use crate::problem::Problem;
 use crate::workcell::ArmId;
 
 use super::graph::{BlockedPart, GraphKind, ModeEdge, ModeGoal, ModeGraph, ModeNode, Place, Slot};
-use super::reach::{Hold, RestAction};
+use super::reach::Hold;
 use super::witness::Witness;
 
 impl ModeGraph {
@@ -106,12 +106,20 @@ impl ModeGraph {
                     (action, format!("to be carried straight by {}", carriers.join(", then ")))
                 }
             };
-            let action = match action {
-                RestAction::Pick => "pick",
-                RestAction::Place => "place",
-            };
-            let object = &problem.objects[blockage.object.0].id;
+            let (action, object) = (action.verb(), &problem.objects[blockage.object.0].id);
             let _ = writeln!(out, "  {}: {action} of {object} {how}", name(blockage.at));
+        }
+        if !self.crowdings.is_empty() {
+            let _ = writeln!(out, "not in one step");
+        }
+        for ends in &self.crowdings {
+            let ends = ends.iter().map(|end| {
+                let carriers = end.carriers.iter().map(|arm| problem.workcell.arms[arm.0].id.as_str());
+                let (action, object) = (end.action.verb(), &problem.objects[end.object.0].id);
+                let carriers = carriers.collect::<Vec<_>>().join(", then ");
+                format!("{action} of {object} to be carried straight by {carriers}")
+            });
+            let _ = writeln!(out, "  {}", ends.collect::<Vec<_>>().join("; "));
         }
         let _ = writeln!(out, "objects");
         for (object, model) in self.objects.iter().zip(&problem.objects) {

@@ -13,6 +13,16 @@ pub enum RestAction {
     Place,
 }
 
+impl RestAction {
+    /// `pick` or `place`.
+    pub fn verb(self) -> &'static str {
+        match self {
+            Self::Pick => "pick",
+            Self::Place => "place",
+        }
+    }
+}
+
 /// One way to hold an object.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Hold {

@@ -7,7 +7,7 @@ mod pipeline;
 
 pub use cache::PlannerCache;
 pub use event::{Outcome, PlannerEvent, Termination};
-pub use pipeline::{improve_with, plan, plan_with};
+pub use pipeline::{improve_with, plan, plan_with, settled_mode_graph};
 
 #[cfg(test)]
 mod folder_tests;

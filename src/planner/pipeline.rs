@@ -4,7 +4,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Mutex, OnceLock};
 
 use crate::collision::CollisionWorld;
-use crate::guidance::{Answer, Certificate, Cuts, Effort, Instance, InstanceError, Network, Proof, solve};
+use crate::guidance::{Answer, Certificate, Cuts, Effort, Instance, Network, Proof, solve};
 use crate::mode_graph::{ModeGraph, ModeGraphOptions, build_mode_graph, optimistic_mode_graph};
 use crate::motion::Roadmap;
 use crate::plan::{Metrics, Plan, StepsProof};
@@ -18,7 +18,7 @@ use super::cache::PlannerCache;
 use super::event::{Outcome, PlannerEvent, Termination};
 
 /// Pairs of actions that are looked at closely and found not to go together in one step before the search begins.
-const MOST_CROWDINGS: usize = 8;
+const MOST_CROWDINGS: usize = 6;
 
 /// Least time (s) between two signs of life.
 const PROGRESS_PERIOD_S: f64 = 0.25;
@@ -84,17 +84,22 @@ fn run(
                    reached everything within their greatest reach";
         return failed(Termination::Infeasible, why.to_owned());
     }
-    let maps: Vec<OnceLock<Map>> = (0..=MOST_CROWDINGS).map(|_| OnceLock::new()).collect();
-    let begin = |map, contacts| {
-        let (settings, roadmaps) = (Settings::default(), compiled.roadmaps().to_vec());
-        Search::new(problem, &world, map, contacts, roadmaps, settings, seed, control)
-    };
-    let search = match settle(graph, reach.into_contacts(), &maps, begin, control) {
-        Ok(search) => search,
+    let map = match Map::new(graph) {
+        Ok(map) => map,
         Err(error) => {
             return failed(Termination::NoSolutionFound, format!("the mode graph makes no sense: {error}"));
         }
     };
+    let others: [OnceLock<Map>; MOST_CROWDINGS] = Default::default();
+    let begin = |map, contacts| {
+        let (settings, roadmaps) = (Settings::default(), compiled.roadmaps().to_vec());
+        Search::new(problem, &world, map, contacts, roadmaps, settings, seed, control)
+    };
+    let mut search = begin(&map, reach.into_contacts());
+    // A plan in hand may do at once what is found here not to go together.
+    if known.is_none() {
+        search = settle(search, &others, begin, control);
+    }
     let run = Run {
         problem,
         world: &world,
@@ -125,30 +130,48 @@ fn run(
     outcome
 }
 
-/// A search on `graph`, to which it is added what cannot be done at once on the way that the search sets out
-/// on; `begin` makes a search of a map and the contacts known.
+/// `search`, or one like it on a mode graph to which it was added what cannot be done at once on the way that it
+/// sets out on, unless that leaves no way. `begin` makes a search of a map, which is kept in one of `maps`, and the
+/// contacts known.
 fn settle<'a>(
-    mut graph: ModeGraph,
-    mut contacts: Contacts<'a>,
+    mut search: Search<'a>,
     maps: &'a [OnceLock<Map>],
     begin: impl Fn(&'a Map, Contacts<'a>) -> Search<'a>,
     control: &Control,
-) -> Result<Search<'a>, InstanceError> {
-    let mut round = 0;
-    loop {
-        let made = Map::new(graph)?;
-        let map = maps[round].get_or_init(|| made);
-        let mut search = begin(map, contacts);
-        round += 1;
-        if round == maps.len() {
-            return Ok(search);
-        }
-        let Some(crowding) = search.crowding(control) else { return Ok(search) };
+) -> Search<'a> {
+    for place in maps {
+        let Some(crowding) = search.crowding(control) else { break };
         tracing::debug!(?crowding, "two ends of carries leave each other no room");
-        graph = map.graph().clone();
+        let mut graph = search.map().graph().clone();
         graph.crowdings.push(crowding);
-        contacts = search.contacts().clone();
+        let Ok(map) = Map::new(graph) else { break };
+        let next = begin(place.get_or_init(|| map), search.contacts().clone());
+        if !next.knows_a_way() {
+            break;
+        }
+        search = next;
     }
+    search
+}
+
+/// The mode graph on which a run with this `seed` searches, made of the `graph` that was built with `reach`: with what
+/// cannot be done at once on the way that it sets out on.
+pub fn settled_mode_graph<'a>(
+    problem: &'a Problem,
+    world: &'a CollisionWorld,
+    graph: ModeGraph,
+    reach: SampledReach<'a>,
+    seed: Seed,
+    control: &Control,
+) -> ModeGraph {
+    let Ok(map) = Map::new(graph.clone()) else { return graph };
+    let others: [OnceLock<Map>; MOST_CROWDINGS] = Default::default();
+    // What is asked here takes no motions.
+    let begin = |map, contacts| {
+        Search::new(problem, world, map, contacts, Vec::new(), Settings::default(), seed, control)
+    };
+    let search = settle(begin(&map, reach.into_contacts()), &others, begin, control);
+    search.map().graph().clone()
 }
 
 /// What the optimistic graph proves about every synchronised plan.

@@ -3,11 +3,11 @@
 //! Single edges of the mode graph say that an arm can pick and another place; a carry, that this goes
 //! together by some handoff. In which holds follows from the handoff alone, and where two carries have an end
 //! in one step, all contacts in the holds of the one may touch all those of the other. This is looked into
-//! where a plan from the start has such ends in one step and the contacts of its chains touch: all pairs of
-//! holds in which some contacts are apart are listed, and for each it is asked whether both carries can
-//! be done in them, with more samples than the mode graph takes for its handoffs. Where no pair is left the
-//! two become a [`ModeGraph::crowdings`](crate::mode_graph::ModeGraph::crowdings) of the graph: like its missing
-//! edges they rest on samples, and its optimum is that of a graph without them.
+//! where a plan from the start has such ends in one step and the contacts of its chains touch: is there a pair of
+//! holds in which some contacts are apart, and in both of which the objects can be carried? Of each hold this is
+//! asked with as many samples as the mode graph takes for a handoff in all holds together. Where no pair turns
+//! up, the two become one of the [`ModeGraph::crowdings`](crate::mode_graph::ModeGraph::crowdings): like missing
+//! edges they rest on samples, and the graph's optimum is that of a graph without them.
 
 use crate::collision::{Exemption, Held};
 use crate::geometry::Pose;
@@ -15,44 +15,61 @@ use crate::mode_graph::{CarryEnd, RestAction};
 use crate::problem::{GoalPlacement, GuidanceKind, InitialPlacement};
 use crate::run::{Control, Rng};
 use crate::transition::{Contact, ContactKind, ContactQuery, HandoffQuery};
-use crate::workcell::{ArmId, ObjectId, Symmetry};
+use crate::workcell::{ArmId, ObjectId};
 
 use super::chain::{Chain, query};
 use super::leg::Leg;
 use super::smart::Search;
 
 /// Random object poses tried before a carry counts as impossible in one hold at its end.
-const HANDOFF_TRIES: usize = 100;
+const HANDOFF_TRIES: usize = 400;
 
 /// Further samplings of contacts in a hold before they count as all in each other's way.
 const SAMPLINGS: usize = 6;
+
+/// Pairs of contacts that are compared in one look at a plan, and holds for which carries are sought. When they are
+/// spent, two ends are taken to leave room.
+const MOST_COMPARED: usize = 50_000;
+const MOST_ASKED: usize = 24;
 
 /// One end of a straight carry in the plan.
 struct End {
     carry: CarryEnd,
     step: usize,
     arm: ArmId,
-    /// What is asked of the arm: one question per pose that meets the goal.
-    asked: Vec<ContactQuery>,
-    /// The same of the arm at the other end.
-    opposite: Vec<ContactQuery>,
-    /// The hold that was chosen, and for which question.
-    chosen: (ContactQuery, Pose),
+    asked: ContactQuery,
+    /// What is asked of the arm at the other end.
+    opposite: ContactQuery,
+    /// The hold that was chosen.
+    chosen: Pose,
 }
 
 /// A hold at an end.
 struct Choice {
-    asked: ContactQuery,
     hold: Pose,
     contacts: Vec<Contact>,
     /// Whether the carry can be done in it, once that was asked.
     leads: Option<bool>,
 }
 
+/// What may still be spent on a look at a plan.
+struct Look<'c> {
+    control: &'c Control,
+    rng: Rng,
+    compared: usize,
+    asked: usize,
+}
+
+impl Look<'_> {
+    fn is_over(&self) -> bool {
+        self.compared >= MOST_COMPARED || self.asked >= MOST_ASKED || self.control.should_stop()
+    }
+}
+
 impl Search<'_> {
     /// The first two actions in one step of the way from the start that were not found to go together, in
-    /// any holds in which both objects can be carried straight to their goals. Looked for where the guidance is for all
-    /// objects at once and they are few. The way is kept for the first iteration.
+    /// any holds in which both objects can be carried straight to their goals. Looked for where the guidance is for
+    /// all objects at once and they are few. The way is kept for the next iteration.
     pub fn crowding(&mut self, control: &Control) -> Option<[CarryEnd; 2]> {
         let is_smart = matches!(self.problem.options.guidance, GuidanceKind::Smart);
         if !is_smart || !self.has_few_objects() || self.tree[0].is_goal {
@@ -68,14 +85,12 @@ impl Search<'_> {
                 ends.extend(self.ends(leg, chain));
             }
         }
-        self.prepared = Some((guide, outline));
-        let mut rng = self.seed.stream("crowding");
+        self.prepared = Some((self.version, guide, outline));
+        let rng = self.seed.stream("crowding");
+        let mut look = Look { control, rng, compared: 0, asked: 0 };
         for (index, one) in ends.iter().enumerate() {
             for two in ends[..index].iter().filter(|two| two.step == one.step && two.arm != one.arm) {
-                if control.should_stop() {
-                    return None;
-                }
-                if !self.is_room(one, two, &mut rng, control) {
+                if !self.is_room([one, two], &mut look) {
                     return Some([two.carry.clone(), one.carry.clone()]);
                 }
             }
@@ -83,108 +98,122 @@ impl Search<'_> {
         None
     }
 
-    /// The ends of a leg that is a straight carry from the object's start to its goal pose.
+    /// Whether there is a guide from the start.
+    pub fn knows_a_way(&self) -> bool {
+        self.tree[0].guide.is_some()
+    }
+
+    /// The ends of a leg that is a straight carry from the object's start to its goal pose. A goal that stands for
+    /// several poses is left alone: it allows so many more holds.
     fn ends(&self, leg: &Leg, chain: &Chain) -> Vec<End> {
         let object = ObjectId(leg.object);
-        let symmetry = &self.problem.objects[object.0].symmetry;
-        // A goal that stands for infinitely many poses is left alone.
-        let is_endless = matches!(symmetry, Symmetry::CylinderZ | Symmetry::Sphere);
         let (InitialPlacement::Resting { pose, surface }, GoalPlacement::Pose { .. }, [first, ..]) =
             (&self.problem.initial[object.0], &self.problem.goal[object.0], &leg.arms[..])
         else {
             return Vec::new();
         };
         let last = leg.arms.last().unwrap_or(first);
-        if is_endless || leg.arms.len() > 2 || chain.node != chain.wanted || leg.begins() == 0 {
+        let goals = self.map.placements(object.0, chain.node);
+        if leg.arms.len() > 2 || chain.node != chain.wanted || leg.begins() == 0 || goals != [chain.target] {
             return Vec::new();
         }
         let (Some((_, taken)), Some((_, put))) = (chain.carriers.first(), chain.carriers.last()) else {
             return Vec::new();
         };
         let pick = query(ContactKind::Pick, *first, object, (*pose, *surface));
-        let goals = self.map.placements(object.0, chain.node).into_iter();
-        let places: Vec<ContactQuery> =
-            goals.map(|goal| query(ContactKind::Place, *last, object, goal)).collect();
-        let end = |action, step, arm: ArmId, asked, opposite, chosen| {
+        let place = query(ContactKind::Place, *last, object, chain.target);
+        let end = |action, step, asked: ContactQuery, opposite, chosen| {
             let carry = CarryEnd { object, action, carriers: leg.arms.clone() };
-            End { carry, step, arm, asked, opposite, chosen }
+            End { carry, step, arm: asked.arm, asked, opposite, chosen }
         };
-        let placed = (query(ContactKind::Place, *last, object, chain.target), *put);
         vec![
-            end(RestAction::Pick, leg.begins(), *first, vec![pick], places.clone(), (pick, *taken)),
-            end(RestAction::Place, leg.ends(), *last, places, vec![pick], placed),
+            end(RestAction::Pick, leg.begins(), pick, place, *taken),
+            end(RestAction::Place, leg.ends(), place, pick, *put),
         ]
     }
 
-    /// Whether some contacts at the two ends are apart, in holds in which both objects can be carried.
-    fn is_room(&mut self, one: &End, two: &End, rng: &mut Rng, control: &Control) -> bool {
-        let chosen = [one, two].map(|end| self.grounder.contacts.at(&end.chosen.0, &end.chosen.1));
-        if self.some_apart([one, two], [&chosen[0], &chosen[1]]) {
+    /// Whether some contacts at the two ends are apart, in holds in which both objects can be carried. When in doubt
+    /// they are.
+    fn is_room(&mut self, ends: [&End; 2], look: &mut Look<'_>) -> bool {
+        let chosen = ends.map(|end| self.grounder.contacts.at(&end.asked, &end.chosen));
+        if self.some_apart(ends, [&chosen[0], &chosen[1]], look) {
             return true;
         }
-        let mut choices = [one, two].map(|end| self.choices(end));
+        let mut choices = ends.map(|end| self.choices(end));
         for is_last in [false, true] {
             if is_last {
                 // Perhaps a few contacts are too few to tell.
-                for (end, choices) in [one, two].into_iter().zip(&mut choices) {
-                    choices.retain_mut(|choice| self.leads(end, choice, rng));
-                    choices.iter_mut().for_each(|choice| self.sample_more(choice));
+                for (end, choices) in ends.into_iter().zip(&mut choices) {
+                    choices.retain_mut(|choice| {
+                        let leads = self.leads(end, choice, look);
+                        if leads {
+                            self.sample_more(end, choice, look);
+                        }
+                        leads
+                    });
                 }
             }
             for i in 0..choices[0].len() {
                 for j in 0..choices[1].len() {
-                    // When in doubt there is room.
-                    if control.should_stop() {
+                    if look.is_over() {
                         return true;
                     }
                     let (a, b) = (&choices[0][i], &choices[1][j]);
                     if a.leads != Some(false)
                         && b.leads != Some(false)
-                        && self.some_apart([one, two], [&a.contacts, &b.contacts])
-                        && self.leads(one, &mut choices[0][i], rng)
-                        && self.leads(two, &mut choices[1][j], rng)
+                        && self.some_apart(ends, [&a.contacts, &b.contacts], look)
+                        && self.leads(ends[0], &mut choices[0][i], look)
+                        && self.leads(ends[1], &mut choices[1][j], look)
                     {
                         return true;
                     }
                 }
             }
         }
-        false
+        look.is_over()
     }
 
-    /// The holds in which there is a contact at an end, with the first contacts.
+    /// The holds in which there may be a contact at an end, with the first contacts.
     fn choices(&mut self, end: &End) -> Vec<Choice> {
-        let mut choices = Vec::new();
-        for asked in &end.asked {
-            for (_, hold) in self.grounder.contacts.holds(asked) {
-                let contacts = self.grounder.contacts.at(asked, &hold).to_vec();
-                choices.push(Choice { asked: *asked, hold, contacts, leads: None });
-            }
+        let contacts = &mut self.grounder.contacts;
+        let mut holds: Vec<Pose> =
+            contacts.possible_holds(&end.asked).into_iter().map(|(_, hold)| hold).collect();
+        if !holds.contains(&end.chosen) {
+            holds.push(end.chosen);
+        }
+        let mut choices = Vec::with_capacity(holds.len());
+        for hold in holds {
+            let leads = (hold == end.chosen).then_some(true);
+            choices.push(Choice { hold, contacts: contacts.at(&end.asked, &hold).to_vec(), leads });
         }
         choices
     }
 
-    fn sample_more(&mut self, choice: &mut Choice) {
+    fn sample_more(&mut self, end: &End, choice: &mut Choice, look: &mut Look<'_>) {
         for _ in 0..SAMPLINGS {
-            self.grounder.contacts.more(&choice.asked, &choice.hold);
-        }
-        choice.contacts = self.grounder.contacts.at(&choice.asked, &choice.hold).to_vec();
-    }
-
-    /// Whether the object can be carried in this hold at this end.
-    fn leads(&mut self, end: &End, choice: &mut Choice, rng: &mut Rng) -> bool {
-        if let Some(known) = choice.leads {
-            return known;
-        }
-        let contacts = &mut self.grounder.contacts;
-        let mut opposite: Vec<(usize, Pose)> = Vec::new();
-        for asked in &end.opposite {
-            for (grasp, hold) in contacts.holds(asked) {
-                if !opposite.iter().any(|(_, other)| *other == hold) {
-                    opposite.push((grasp, hold));
+            if look.is_over() {
+                return;
+            }
+            let fresh = self.grounder.contacts.others(&end.asked, &choice.hold, &mut look.rng);
+            for contact in fresh {
+                if !choice.contacts.iter().any(|known| known.q == contact.q) {
+                    choice.contacts.push(contact);
                 }
             }
         }
+    }
+
+    /// Whether the object can be carried in this hold at this end.
+    fn leads(&mut self, end: &End, choice: &mut Choice, look: &mut Look<'_>) -> bool {
+        if let Some(known) = choice.leads {
+            return known;
+        }
+        if look.is_over() {
+            return true;
+        }
+        look.asked += 1;
+        let contacts = &mut self.grounder.contacts;
+        let opposite = contacts.holds(&end.opposite);
         let found = match end.carry.carriers[..] {
             [giver, receiver] => {
                 let own = [(usize::MAX, choice.hold)];
@@ -201,7 +230,7 @@ impl Search<'_> {
                     giver_near: &[],
                     receiver_near: &[],
                 };
-                !contacts.handoffs(&asked, HANDOFF_TRIES, 1, rng).is_empty()
+                !contacts.handoffs(&asked, HANDOFF_TRIES, 1, &mut look.rng).is_empty()
             }
             _ => opposite.iter().any(|(_, hold)| *hold == choice.hold),
         };
@@ -210,7 +239,7 @@ impl Search<'_> {
     }
 
     /// Whether the arms are apart at some contact of each end, before the two actions and after them.
-    fn some_apart(&self, ends: [&End; 2], contacts: [&[Contact]; 2]) -> bool {
+    fn some_apart(&self, ends: [&End; 2], contacts: [&[Contact]; 2], look: &mut Look<'_>) -> bool {
         let held = |end: &End, contact: &Contact, when: RestAction| {
             let holds = end.carry.action == when;
             holds.then_some(Held { object: end.carry.object, object_in_tcp: contact.object_in_tcp })
@@ -218,6 +247,7 @@ impl Search<'_> {
         let none = Exemption::default();
         contacts[0].iter().any(|a| {
             contacts[1].iter().any(|b| {
+                look.compared += 1;
                 // Who places holds the object before, who picks afterwards.
                 [RestAction::Place, RestAction::Pick].into_iter().all(|when| {
                     let [one, two] = [held(ends[0], a, when), held(ends[1], b, when)];

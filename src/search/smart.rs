@@ -78,8 +78,8 @@ pub struct Search<'a> {
     certified: bool,
     /// The iteration that came to the first plan.
     first_at: u64,
-    /// What to do from the start, where that was worked out already.
-    pub(super) prepared: Option<(Guide, Outline)>,
+    /// What to do from the start, where that was worked out already under the cuts of a version.
+    pub(super) prepared: Option<(u64, Guide, Outline)>,
 }
 
 impl<'a> Search<'a> {
@@ -213,7 +213,8 @@ impl<'a> Search<'a> {
             // Only the root can be selected as a goal: nothing has to be done.
             return self.finish(tau, control);
         }
-        let prepared = if tau == 0 { self.prepared.take() } else { None };
+        let prepared = self.prepared.take().filter(|(version, ..)| tau == 0 && *version == self.version);
+        let prepared = prepared.map(|(_, guide, outline)| (guide, outline));
         let Some((guide, outline)) = prepared.or_else(|| self.advise(tau, control)) else {
             if self.tree[tau].guide.is_none() {
                 self.tree[tau].failures += 1;

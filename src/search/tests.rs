@@ -235,7 +235,7 @@ fn ends_of_carries_leave_room_or_are_not_to_be_in_one_step() {
             let world = CollisionWorld::new(&problem);
             let (first, of_one) = contacts_of_carry(&problem, &world, &one, rng);
             let (second, of_two) = contacts_of_carry(&problem, &world, &two, rng);
-            assert!(of_one.len() > 20 && of_two.len() > 20, "{} and {}", of_one.len(), of_two.len());
+            assert!(of_one.len() >= 10 && of_two.len() >= 10, "{} and {}", of_one.len(), of_two.len());
             let held = |object: ObjectId, contact: &Contact, holds: bool| {
                 holds.then_some(Held { object, object_in_tcp: contact.object_in_tcp })
             };
@@ -251,11 +251,19 @@ fn ends_of_carries_leave_room_or_are_not_to_be_in_one_step() {
                 });
                 assert!(!apart, "{one:?} and {two:?} leave room");
             }
-            // The search that follows does not have them in one step.
+            // The search that follows does not have them in one step; all else it may do as before.
+            let fewest = |map: &Map| {
+                let (network, effort) = (map.network(), Effort::thorough());
+                let start = network.instance().start();
+                let answer = solve(network, &start, &Cuts::none(), &effort, Seed(3), &control).unwrap();
+                check(network.instance(), answer.solution().unwrap()).unwrap();
+                answer.certificate().unwrap().optimum.unwrap()
+            };
             let mut graph = map.graph().clone();
             graph.crowdings.push([one, two]);
             let refined = Map::new(graph).unwrap();
             assert_eq!(refined.network().instance().clashes.len(), 1);
+            assert!((fewest(map)..=fewest(map) + 1).contains(&fewest(&refined)));
         });
     }
     assert!(crowded > 0);

@@ -9,8 +9,8 @@ use super::workcells::Bundle;
 use crate::collision::CollisionWorld;
 use crate::geometry::{Pose, Vec3};
 use crate::mode_graph::{
-    BlockedPart, GraphKind, ModeGoal, ModeGraph, ModeGraphOptions, Place, RestAction, Slot, Witness,
-    build_mode_graph, find_witnesses,
+    BlockedPart, GraphKind, ModeGoal, ModeGraph, ModeGraphOptions, Place, Slot, Witness, build_mode_graph,
+    find_witnesses,
 };
 use crate::problem::Problem;
 use crate::run::{Control, Seed};
@@ -151,14 +151,18 @@ pub fn document(graph: &ModeGraph, problem: &Problem) -> Value {
             BlockedPart::Contact(action, by) => (action, vec![arm(by)], false),
             BlockedPart::Carry(action, by) => (action, by.iter().map(arm).collect(), true),
         };
-        let action = match action {
-            RestAction::Pick => "pick",
-            RestAction::Place => "place",
-        };
         json!({
-            "object": object(Some(blockage.object)), "at": blockage.at, "action": action, "arms": arms,
+            "object": object(Some(blockage.object)), "at": blockage.at, "action": action.verb(), "arms": arms,
             "carried": carried,
         })
+    });
+    let crowdings = graph.crowdings.iter().map(|ends| {
+        json!(ends.each_ref().map(|end| {
+            json!({
+                "object": object(Some(end.object)), "action": end.action.verb(),
+                "arms": end.carriers.iter().map(arm).collect::<Vec<_>>(),
+            })
+        }))
     });
     json!({
         "schema": "quadrille.mode_graph/1",
@@ -170,6 +174,7 @@ pub fn document(graph: &ModeGraph, problem: &Problem) -> Value {
         "objects": objects.collect::<Vec<_>>(),
         "barred_carries": barred.collect::<Vec<_>>(),
         "blockages": blockages.collect::<Vec<_>>(),
+        "crowdings": crowdings.collect::<Vec<_>>(),
     })
 }
 

@@ -110,14 +110,10 @@ impl<'a> Contacts<'a> {
     pub fn more(&mut self, query: &ContactQuery, object_in_tcp: &Pose) -> bool {
         self.at(query, object_in_tcp);
         let (asked, _) = self.canonical(query);
-        let grounding = Grounding::new(self.problem, self.world, &asked, object_in_tcp);
-        if !self.has_room(&asked, object_in_tcp, &grounding) {
-            return false;
-        }
         let most = self.most();
-        let configurations = grounding.configurations(3 * most, &mut self.rng);
-        let fresh: Vec<Contact> =
-            configurations.iter().filter_map(|q| grounding.ground(q)).take(most).collect();
+        let mut rng = self.rng.clone();
+        let fresh = self.sample(&asked, object_in_tcp, &mut rng);
+        self.rng = rng;
         if fresh.is_empty() {
             return false;
         }
@@ -129,6 +125,24 @@ impl<'a> Contacts<'a> {
             Arc::make_mut(&mut entry.found).drain(..surplus);
         }
         true
+    }
+
+    /// Contacts that are sampled once more and not remembered.
+    pub fn others(&mut self, query: &ContactQuery, object_in_tcp: &Pose, rng: &mut Rng) -> Vec<Contact> {
+        let (asked, is_reversed) = self.canonical(query);
+        let fresh = self.sample(&asked, object_in_tcp, rng);
+        if is_reversed { fresh.iter().map(Contact::reversed).collect() } else { fresh }
+    }
+
+    /// Contacts of a query that is remembered, at most [`Self::most`].
+    fn sample(&mut self, canonical: &ContactQuery, hold: &Pose, rng: &mut Rng) -> Vec<Contact> {
+        let grounding = Grounding::new(self.problem, self.world, canonical, hold);
+        if !self.has_room(canonical, hold, &grounding) {
+            return Vec::new();
+        }
+        let most = self.most();
+        let configurations = grounding.configurations(3 * most, rng);
+        configurations.iter().filter_map(|q| grounding.ground(q)).take(most).collect()
     }
 
     /// The holds (grasp number and object frame in the TCP frame) by which the contact can be had.

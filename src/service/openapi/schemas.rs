@@ -241,6 +241,9 @@ fn rest() -> Vec<(&'static str, Value)> {
                     "object": text(), "at": count(), "action": { "enum": ["pick", "place"] },
                     "arms": list(text()), "carried": { "type": "boolean" },
                 }))),
+                "crowdings": list(list(full(json!({
+                    "object": text(), "action": { "enum": ["pick", "place"] }, "arms": list(text()),
+                })))),
             })),
         ),
         (
