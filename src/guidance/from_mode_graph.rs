@@ -15,7 +15,13 @@ use super::instance::{
     Block, Clash, Clashing, ConflictSet, Edge, Goal, Instance, Node, NodeId, NodeKind, Object,
 };
 use crate::mode_graph::{Blockage, BlockedPart, CarryEnd, ModeEdge, ModeGoal, ModeGraph, Place, RestAction};
-use crate::workcell::{ArmId, ObjectId};
+
+/// What the ends of guarded carries are on the instance, by object, end, and arms by number.
+type Carries = BTreeMap<(usize, RestAction, Vec<usize>), Clashing>;
+
+fn key(end: &CarryEnd) -> (usize, RestAction, Vec<usize>) {
+    (end.object.0, end.action, end.carriers.iter().map(|arm| arm.0).collect())
+}
 
 /// The instance of a mode graph, and which node of the graph each of its nodes stands for: node `n` of
 /// the graph is `NodeId(n)`, nodes beyond are hands. Object `o` is object `o`.
@@ -23,14 +29,14 @@ pub fn instance_of(graph: &ModeGraph) -> (Instance, Vec<usize>) {
     let mut instance = plain(graph);
     let mut stands_for: Vec<usize> = (0..graph.nodes.len()).collect();
     let mut hands: BTreeMap<usize, Vec<NodeId>> = BTreeMap::new();
-    let mut carries: BTreeMap<CarryEnd, Clashing> = BTreeMap::new();
+    let mut carries = Carries::new();
     for object in 0..graph.objects.len() {
         if let Some(refined) = Refined::new(graph, object) {
             refined.enter(graph, &mut instance, &mut stands_for, &mut hands, &mut carries);
         }
     }
     for ends in &graph.crowdings {
-        let actions: Option<Vec<Clashing>> = ends.iter().map(|end| carries.get(end).copied()).collect();
+        let actions: Option<Vec<Clashing>> = ends.iter().map(|end| carries.get(&key(end)).copied()).collect();
         instance.clashes.extend(actions.map(|actions| Clash { actions }));
     }
     for blockage in &graph.blockages {
@@ -161,10 +167,9 @@ impl Refined {
             Some(Place::Region(region)) => &region.merged,
             _ => &[],
         };
-        let own = Some(ObjectId(index));
-        let is_own_goal = slots(goal).iter().any(|slot| slot.goal_of == own);
+        let is_own_goal = slots(goal).iter().any(|slot| slot.goal_of.is_some_and(|own| own.0 == index));
         let is_own_start = graph.arm_of(object.start).is_some()
-            || slots(object.start).iter().any(|slot| slot.start_of == own);
+            || slots(object.start).iter().any(|slot| slot.start_of.is_some_and(|own| own.0 == index));
         (is_own_goal && is_own_start).then_some(Self {
             object: index,
             class: object.class,
@@ -187,7 +192,7 @@ impl Refined {
         instance: &mut Instance,
         stands_for: &mut Vec<usize>,
         hands: &mut BTreeMap<usize, Vec<NodeId>>,
-        carries: &mut BTreeMap<CarryEnd, Clashing>,
+        carries: &mut Carries,
     ) {
         let class = 1 + instance.objects.iter().map(|object| object.class).max().unwrap_or(0);
         let mut nodes = std::mem::take(&mut instance.nodes);
@@ -256,13 +261,8 @@ impl Refined {
             };
             for action in [RestAction::Pick, RestAction::Place] {
                 let (from, to) = edge_of(action);
-                let end = CarryEnd {
-                    object: ObjectId(self.object),
-                    action,
-                    carriers: carriers.iter().copied().map(ArmId).collect(),
-                };
-                let action = Clashing { from: NodeId(from), to: NodeId(to), object: Some(self.object) };
-                carries.insert(end, action);
+                let clashing = Clashing { from: NodeId(from), to: NodeId(to), object: Some(self.object) };
+                carries.insert((self.object, action, carriers.clone()), clashing);
             }
             for &(action, blocker) in guards {
                 let (from, to) = edge_of(action);

@@ -1,5 +1,5 @@
 //! Search for a plan of a given length: routes are planned one object after another with conflicts
-//! allowed at a price, then neighbourhoods of 2 to 4 objects around a conflict are taken out and
+//! allowed at a price, then neighbourhoods of 2 to 6 objects around a conflict are taken out and
 //! planned again until no conflict is left. Cells that stay contested grow dearer (negotiated
 //! congestion).
 //!
@@ -16,8 +16,11 @@ use crate::run::{Control, Rng};
 use rand::Rng as _;
 use rand::seq::{IndexedRandom as _, SliceRandom as _};
 
-/// Largest neighbourhood.
-const LARGEST: usize = 4;
+/// Largest neighbourhood, and that where there are more than [`MANY`] objects.
+const LARGEST: usize = 6;
+const LARGEST_OF_MANY: usize = 4;
+/// Objects beyond which plans are crowded, and much of the search is in vain.
+pub(super) const MANY: usize = 16;
 /// By how much the price of a contested cell grows.
 const RAISE: u32 = 4;
 
@@ -36,12 +39,14 @@ pub(super) struct Repair<'a> {
 impl<'a> Repair<'a> {
     /// A search from `start`, which places every object of `network`.
     pub(super) fn new(network: &'a Network, start: &'a [u16], rng: Rng) -> Self {
+        let mut search = RouteSearch::default();
+        search.free_first = network.object_count() > MANY;
         Self {
             network,
             start,
             timetable: Timetable::default(),
             tolls: Tolls::new(network, &Cuts::none(), 0),
-            search: RouteSearch::default(),
+            search,
             routes: Vec::new(),
             rng,
             chosen: Vec::new(),
@@ -256,7 +261,8 @@ impl<'a> Repair<'a> {
             }
         }
         self.chosen.shuffle(&mut self.rng);
-        let size = self.rng.random_range(2..=LARGEST).min(count);
+        let largest = if count > MANY { LARGEST_OF_MANY } else { LARGEST };
+        let size = self.rng.random_range(2..=largest).min(count);
         self.chosen.truncate(size);
         for _ in 0..4 * LARGEST {
             if self.chosen.len() >= size {

@@ -26,6 +26,8 @@ pub(super) struct RouteSearch {
     cost: [Vec<u64>; 2],
     active: [Vec<u16>; 2],
     parent: Vec<u16>,
+    /// Whether routes without conflicts are looked for first: worth while where there are many objects.
+    pub(super) free_first: bool,
     /// Whether routes may rest on any slot, or only on one of each neighbourhood.
     pub(super) all_slots: bool,
     /// What being at a node before a step, or entering it in the step, costs beyond conflicts, by
@@ -63,12 +65,13 @@ impl RouteSearch {
             false => u64::MAX - 1,
         };
         // Few ways have no conflict, and the cheapest of these is the cheapest of all.
-        let free = most.min(CONFLICT - 1);
-        let found = self.within(network, timetable, tolls, object, start, free, noise);
-        if found.is_some() || most == free {
-            return found;
-        }
-        self.within(network, timetable, tolls, object, start, most, noise)
+        let free = CONFLICT - 1;
+        let freely = if self.free_first && most > free {
+            self.within(network, timetable, tolls, object, start, free, noise)
+        } else {
+            None
+        };
+        freely.or_else(|| self.within(network, timetable, tolls, object, start, most, noise))
     }
 
     /// [`Self::cheapest`] among the routes that cost `most` at most.

@@ -12,7 +12,7 @@ use super::interruptible::Limits;
 use super::network::Network;
 use super::program::{Commodities, Outcome, decide};
 use super::relaxation::Relaxation;
-use super::repair::Repair;
+use super::repair::{MANY, Repair};
 use super::route::BIAS;
 use super::solution::{Answer, Certificate, Infeasible, Proof, Solution};
 use super::timetable::Route;
@@ -173,9 +173,9 @@ fn solve_timed(
 /// Neighbourhoods of repair before the relaxation has its first word on a horizon.
 const OPENING: usize = 6;
 /// States that the exhaustive search expands at each horizon before a longer one is tried.
-const FIRST_STATES: usize = 1_000;
+const FIRST_STATES: usize = 150;
 /// Objects in a neighbourhood, on average.
-const USUAL_NEIGHBOURHOOD: usize = 3;
+const USUAL_NEIGHBOURHOOD: usize = 4;
 /// Horizons that fail before it is suspected that there is no plan at all.
 const SUSPICIOUS: usize = 5;
 /// What a plan costs beyond its steps from which on others are made anew, where there are this many objects at
@@ -312,7 +312,7 @@ impl<'a> Run<'a> {
 
     /// Rounds of the relaxation that plan about as many routes as the repairs of a share do.
     fn as_much_as_repairs(&self, share: usize) -> usize {
-        (20 * USUAL_NEIGHBOURHOOD * share / self.network.object_count().max(1)).clamp(1, 8 * share)
+        (16 * USUAL_NEIGHBOURHOOD * share / self.network.object_count().max(1)).clamp(1, 8 * share)
     }
 
     /// Whether there is nothing left to do, or no leave to do it.
@@ -454,7 +454,9 @@ impl<'a> Run<'a> {
         while self.best.is_some() && !self.is_over() {
             let horizon = self.steps() - 1;
             let mut found = false;
-            for (which, horizon, rounds) in [(NEAR, horizon, 16 * share), (FAR, self.lower, 4 * share)] {
+            // Of many objects the bound is rarely attained at once.
+            let far = if self.network.object_count() > MANY { 4 * share } else { 16 * share };
+            for (which, horizon, rounds) in [(NEAR, horizon, 16 * share), (FAR, self.lower, far)] {
                 let rounds = rounds.min(repairs);
                 let twice = which == FAR && horizon + 1 == self.steps();
                 if rounds > 0 && !twice && !found && !self.control.should_stop() {

@@ -4,8 +4,8 @@
 //! together by some handoff. In which holds follows from the handoff alone, and where two carries have an end
 //! in one step, all contacts in the holds of the one may touch all those of the other. This is looked into
 //! where a plan from the start has such ends in one step and the contacts of its chains touch: is there a pair of
-//! holds in which some contacts are apart, and in both of which the objects can be carried? Of each hold this is
-//! asked with as many samples as the mode graph takes for a handoff in all holds together. Where no pair turns
+//! holds in which some contacts are apart, and in both of which the objects can be carried? The holds are those in which
+//! the mode graph knows contacts; carries are sought for each alone, with as many samples as it takes for all together. Where no pair turns
 //! up, the two become one of the [`ModeGraph::crowdings`](crate::mode_graph::ModeGraph::crowdings): like missing
 //! edges they rest on samples, and the graph's optimum is that of a graph without them.
 
@@ -173,11 +173,10 @@ impl Search<'_> {
         look.is_over()
     }
 
-    /// The holds in which there may be a contact at an end, with the first contacts.
+    /// The holds in which there is a contact at an end, with the first contacts.
     fn choices(&mut self, end: &End) -> Vec<Choice> {
         let contacts = &mut self.grounder.contacts;
-        let mut holds: Vec<Pose> =
-            contacts.possible_holds(&end.asked).into_iter().map(|(_, hold)| hold).collect();
+        let mut holds: Vec<Pose> = contacts.holds(&end.asked).into_iter().map(|(_, hold)| hold).collect();
         if !holds.contains(&end.chosen) {
             holds.push(end.chosen);
         }
