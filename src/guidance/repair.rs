@@ -39,14 +39,12 @@ pub(super) struct Repair<'a> {
 impl<'a> Repair<'a> {
     /// A search from `start`, which places every object of `network`.
     pub(super) fn new(network: &'a Network, start: &'a [u16], rng: Rng) -> Self {
-        let mut search = RouteSearch::default();
-        search.free_first = network.object_count() > MANY;
         Self {
             network,
             start,
             timetable: Timetable::default(),
             tolls: Tolls::new(network, &Cuts::none(), 0),
-            search,
+            search: RouteSearch::new(network.object_count() > MANY),
             routes: Vec::new(),
             rng,
             chosen: Vec::new(),

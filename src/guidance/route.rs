@@ -43,6 +43,11 @@ pub(super) struct RouteSearch {
 }
 
 impl RouteSearch {
+    /// Empty buffers; `free_first` whether routes without conflicts are looked for first.
+    pub(super) fn new(free_first: bool) -> Self {
+        Self { free_first, ..Self::default() }
+    }
+
     /// Finds the cheapest route of `object` from `start` to its goal within the horizon of
     /// `timetable`, in which its own old route `old` is not entered. Conflicts with other routes cost
     /// most, then tolls, then weight. Ties are broken by `noise`. `None` if the horizon is too
