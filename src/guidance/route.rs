@@ -27,7 +27,7 @@ pub(super) struct RouteSearch {
     active: [Vec<u16>; 2],
     parent: Vec<u16>,
     /// Whether routes without conflicts are looked for first: worth while where there are many objects.
-    pub(super) free_first: bool,
+    free_first: bool,
     /// Whether routes may rest on any slot, or only on one of each neighbourhood.
     pub(super) all_slots: bool,
     /// What being at a node before a step, or entering it in the step, costs beyond conflicts, by

@@ -1,6 +1,7 @@
 //! Plans on the mode graph, and what is known about how good they are.
 
 use super::instance::{ModeState, NodeId};
+use super::timetable::Route;
 
 /// One object takes one edge.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -38,6 +39,17 @@ impl Solution {
             states.push(state.clone());
         }
         states
+    }
+
+    /// The routes of the objects, which rest at the plan's end until `horizon`.
+    pub(super) fn routes(&self, horizon: usize) -> Vec<Route> {
+        let states = self.states();
+        let last = states.len() - 1;
+        let route = |object: usize| {
+            let at = |step: usize| states[step.min(last)][object].0 as u16;
+            (0..=horizon).map(at).collect()
+        };
+        (0..self.start.len()).map(route).collect()
     }
 }
 

@@ -15,7 +15,6 @@ use super::relaxation::Relaxation;
 use super::repair::{MANY, Repair};
 use super::route::BIAS;
 use super::solution::{Answer, Certificate, Infeasible, Proof, Solution};
-use super::timetable::Route;
 use crate::run::{Control, Part, Seed};
 
 /// How hard a solver tries. All limits count work, never time, so that the same call gives the
@@ -559,7 +558,7 @@ impl<'a> Run<'a> {
             if !few && horizon > steps + 1 || least <= horizon as u64 || self.control.should_stop() {
                 return;
             }
-            self.repair.take_over(routes_of(hint, horizon), self.cuts);
+            self.repair.take_over(hint.routes(horizon), self.cuts);
             let rounds = self.affordable(2 * self.effort.polish_rounds, 3, horizon);
             self.repair.dodge(rounds, self.control);
             self.keep_cheapest(&mut least);
@@ -577,15 +576,6 @@ impl<'a> Run<'a> {
             self.best = Some(found);
         }
     }
-}
-
-/// The routes of the objects in `plan`, which rest at its end until `horizon`.
-fn routes_of(plan: &Solution, horizon: usize) -> Vec<Route> {
-    let states = plan.states();
-    let last = states.len() - 1;
-    (0..plan.start.len())
-        .map(|object| (0..=horizon).map(|step| states[step.min(last)][object].0 as u16).collect())
-        .collect()
 }
 
 fn answer(best: Option<Solution>, lower_bound: usize, proof: Proof, cuts: &Cuts) -> Answer {
