@@ -101,19 +101,46 @@ fn arms_of_all_kinds_work_together() {
     }
 }
 
+/// The plan that was printed, without the one figure that is a time of day.
+fn timeless(planned: Output) -> String {
+    assert_eq!(planned.status.code(), Some(0), "{}", String::from_utf8_lossy(&planned.stderr));
+    let text = String::from_utf8(planned.stdout).unwrap();
+    let (before, after) = text.split_once("\"found_after_s\":").unwrap();
+    let rest = after.trim_start_matches(|c: char| c.is_ascii_digit() || "+-.e".contains(c));
+    format!("{before}{rest}")
+}
+
 #[test]
 fn a_rerun_by_iterations_is_the_same_bytes() {
-    let run = || {
-        let arguments = ["plan", &scenario("switch/2x2"), "--budget", "5m", "--max-iterations", "25"];
-        let planned = quadrille(&arguments);
-        assert_eq!(planned.status.code(), Some(0), "{}", String::from_utf8_lossy(&planned.stderr));
-        let text = String::from_utf8(planned.stdout).unwrap();
-        // The one figure that is a time of day.
-        let (before, after) = text.split_once("\"found_after_s\":").unwrap();
-        let rest = after.trim_start_matches(|c: char| c.is_ascii_digit() || "+-.e".contains(c));
-        format!("{before}{rest}")
+    let arguments = ["plan", &scenario("switch/2x2"), "--budget", "5m", "--max-iterations", "25"];
+    assert_eq!(timeless(quadrille(&arguments)), timeless(quadrille(&arguments)));
+}
+
+#[test]
+fn processes_share_a_folder_of_compiled_workcells() {
+    let folder = tempfile::tempdir().unwrap();
+    let cells = folder.path().join("cells");
+    let problem = scenario("switch/2x2");
+    let alone = ["plan", &problem, "--budget", "5m", "--max-iterations", "10"];
+    let sharing = [&alone[..], &["--cache-dir", cells.to_str().unwrap()]].concat();
+    let expected = timeless(quadrille(&alone));
+    // Two that write at the same time, one that reads, one that finds what was cut short.
+    let start = || {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_quadrille"));
+        command.args(&sharing).stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
+        command.spawn().unwrap()
     };
-    assert_eq!(run(), run());
+    for process in [start(), start()] {
+        assert_eq!(timeless(process.wait_with_output().unwrap()), expected);
+    }
+    let files = || fs::read_dir(&cells).unwrap().map(|entry| entry.unwrap().path()).collect::<Vec<_>>();
+    let [file] = &files()[..] else { panic!("{:?}", files()) };
+    assert_eq!(file.extension().unwrap(), "workcell");
+    let whole = fs::read(file).unwrap();
+    assert_eq!(timeless(quadrille(&sharing)), expected);
+    fs::write(file, &whole[..whole.len() / 2]).unwrap();
+    assert_eq!(timeless(quadrille(&sharing)), expected);
+    assert_eq!(fs::metadata(file).unwrap().len(), whole.len() as u64, "it was not written anew");
 }
 
 #[test]

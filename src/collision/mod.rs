@@ -17,6 +17,7 @@ mod arm_bodies;
 mod atom;
 mod certify;
 mod hand;
+mod inverse;
 mod lanes;
 #[cfg(test)]
 mod reference;

@@ -36,7 +36,8 @@ pub(super) struct Mover<'a> {
     pub(super) base: Pose,
     pub(super) bodies: &'a ArmBodies,
     pub(super) motion: &'a dyn JointMotion,
-    pub(super) held: Option<HeldAtoms<'a>>,
+    /// Apart, since most arms hold nothing and movers are made for every query.
+    pub(super) held: Option<Box<HeldAtoms<'a>>>,
     pub(super) exemption: Exemption,
     pub(super) lanes: LaneMover<'a>,
 }
@@ -308,7 +309,7 @@ impl CollisionWorld {
             }
         }
         let blocks = StaticBlock::all(&lanes);
-        Resting { atoms, lanes, blocks }
+        Resting { objects: scene.resting.clone(), atoms, lanes, blocks }
     }
 
     /// Whether the arm's motion is free, against resting objects prepared by
@@ -333,21 +334,21 @@ impl CollisionWorld {
         carrier: Option<ObstacleId>,
         scene: &Scene,
     ) -> bool {
-        let resting = self.resting_atoms(scene);
-        let others = self.obstacles.iter().chain(&resting.atoms).filter(|other| match other.owner {
-            Owner::Obstacle(id) => Some(id) != carrier,
-            Owner::Resting(id) => id != object,
-        });
         let Some(atoms) = self.objects.get(object.0) else { return false };
         let placed: Vec<PlacedAtom> = atoms.iter().map(|atom| atom.placed(pose)).collect();
-        for other in others {
-            for (atom, at) in atoms.iter().zip(&placed) {
-                if atom.separation(at, &other.atom, &other.at, self.clearance) < self.clearance {
-                    return false;
-                }
-            }
-        }
-        true
+        let clear_of = |other: &Atom, other_at: &PlacedAtom| {
+            let apart = |(atom, at): (&Atom, &PlacedAtom)| {
+                atom.separation(at, other, other_at, self.clearance) >= self.clearance
+            };
+            atoms.iter().zip(&placed).all(apart)
+        };
+        let mut obstacles =
+            self.obstacles.iter().filter(|other| carrier.is_none_or(|id| other.owner != Owner::Obstacle(id)));
+        let mut others = scene.resting.iter().filter(|(other, _)| *other != object);
+        obstacles.all(|other| clear_of(&other.atom, &other.at))
+            && others.all(|(other, pose)| {
+                self.objects.get(other.0).into_iter().flatten().all(|atom| clear_of(atom, &atom.placed(pose)))
+            })
     }
 
     /// Whether the hands of two arms (their mount links' rigid groups with the tools) are clear of
@@ -379,10 +380,11 @@ impl CollisionWorld {
             let atoms = self.objects[held.object.0].as_slice();
             let radius =
                 in_mount.translation.vector.norm() + atoms.iter().map(Atom::reach).fold(0.0, f64::max);
-            HeldAtoms { object: held.object, in_mount, atoms, levers: bodies.held_levers(radius), radius }
+            let levers = bodies.held_levers(radius);
+            Box::new(HeldAtoms { object: held.object, in_mount, atoms, levers, radius })
         });
         let lane_arm = &self.lane_arms[arm.0];
-        let lane_held = held.as_ref().map(|held| LaneHeld::new(lane_arm, held));
+        let lane_held = held.as_ref().map(|held| Box::new(LaneHeld::new(lane_arm, held)));
         let lanes = LaneMover { arm: lane_arm, held: lane_held };
         Mover { arm, base: model.base, bodies, motion, held, exemption, lanes }
     }
@@ -423,7 +425,15 @@ pub type Taking<'a> = (ArmId, &'a dyn JointMotion, Option<&'a Held>, Exemption);
 /// Resting objects prepared for many queries.
 #[derive(Debug, Clone)]
 pub struct Resting {
+    objects: Vec<(ObjectId, Pose)>,
     pub(super) atoms: Vec<WorldAtom>,
     pub(super) lanes: Vec<LaneStatic>,
     pub(super) blocks: Vec<StaticBlock>,
+}
+
+impl Resting {
+    /// The objects and where they are (world).
+    pub fn objects(&self) -> &[(ObjectId, Pose)] {
+        &self.objects
+    }
 }

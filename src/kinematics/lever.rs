@@ -100,9 +100,7 @@ impl ArmModel {
 
     /// [`ArmModel::reach_within`] the model's own limits, as centre and radius.
     pub fn greatest_reach(&self) -> (Vec3, f64) {
-        let limits: Vec<JointLimits> = self.joints.iter().map(|joint| joint.limits).collect();
-        let Reach { centre, radius } = self.reach_within(&limits);
-        (centre, radius)
+        self.reach
     }
 
     /// A ball that the mount origin never leaves within `limits` (one per joint): for a spherical

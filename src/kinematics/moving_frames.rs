@@ -55,7 +55,33 @@ enum Before {
     /// It stands still.
     Still { axes: [[f32; 3]; 3], origin: [f32; 3] },
     /// On another frame, mostly that of the step before.
-    On { parent: usize, origin: [f32; 3], turn: Turn },
+    On { parent: usize, origin: Origin, turn: Turn },
+}
+
+/// Where a frame stands in the one before it (m).
+#[derive(Debug, Clone)]
+enum Origin {
+    /// Along one of the other's axes, as most do since frames are chosen so.
+    Along { axis: usize, by: f32 },
+    /// Anywhere.
+    At([f32; 3]),
+}
+
+impl Origin {
+    fn new(v: [f32; 3]) -> Self {
+        let mut others = (0..3).filter(|&k| v[k] != 0.0);
+        match (others.next(), others.next()) {
+            (first, None) => Self::Along { axis: first.unwrap_or(0), by: first.map_or(0.0, |k| v[k]) },
+            _ => Self::At(v),
+        }
+    }
+
+    fn vector(&self) -> [f32; 3] {
+        match self {
+            Self::Along { axis, by } => std::array::from_fn(|k| if k == *axis { *by } else { 0.0 }),
+            Self::At(v) => *v,
+        }
+    }
 }
 
 /// How a frame is turned against the one on which it stands.
@@ -99,7 +125,7 @@ impl MovingFrames {
             let spin = if slides { 0.0 } else { spin_for_next(&model.links, index, &own) };
             let origin = single(&at.translation.vector);
             let before = match under {
-                Some(parent) => Before::On { parent, origin, turn },
+                Some(parent) => Before::On { parent, origin: Origin::new(origin), turn },
                 None if columns(&frame) == UPRIGHT => Before::Upright { origin },
                 None => Before::Still { axes: columns(&frame), origin },
             };
@@ -164,55 +190,50 @@ impl MovingFrames {
                     Turn::AboutX { cosine, sine } => [0.0, -sine, *cosine],
                     Turn::Any(columns) => columns[2],
                 };
-                (*origin, direction)
+                (origin.vector(), direction)
             }
         }
     }
 
-    /// Places all frames at eight configurations `q[joint][lane]` in `out`, which is cleared first.
+    /// Places all frames at eight configurations `q[joint][lane]` in `out`; what was there is lost.
+    ///
+    /// A frame and what it is made of are more than the registers hold: each is worked out where it stays, component
+    /// by component.
     #[inline(always)]
     pub fn place<F: Float8>(&self, q: &[[f32; 8]], out: &mut Frames8<F>) {
-        out.clear();
-        // The frame of the step before, which most stand on, stays in registers.
-        let zero = [F::splat(0.0); 3];
-        let mut last = Frame8 { axes: [zero; 3], origin: zero };
-        for (index, step) in self.steps.iter().enumerate() {
-            let value = F::load(&q[step.joint]).mul_add(F::splat(step.multiplier), F::splat(step.shift));
-            let motion = if step.slides { Motion::Along(value) } else { Motion::turn(value) };
-            last = match (&step.before, motion) {
-                (Before::Upright { origin }, Motion::About { sine, cosine }) => {
-                    let none = F::splat(0.0);
-                    Frame8 {
-                        axes: [[cosine, sine, none], [-sine, cosine, none], splat3(&UPRIGHT[2])],
-                        origin: splat3(origin),
-                    }
-                }
-                (Before::Upright { origin }, _) => still(&UPRIGHT, origin).moved(motion),
-                (Before::Still { axes, origin }, _) => still(axes, origin).moved(motion),
-                (Before::On { parent, origin, turn }, _) if parent + 1 == index => {
-                    last.follow(origin, turn, motion)
-                }
-                (Before::On { parent, origin, turn }, _) => out[*parent].follow(origin, turn, motion),
-            };
-            out.push(last);
+        out.truncate(self.steps.len());
+        for _ in out.len()..self.steps.len() {
+            out.push(Frame8::nowhere());
         }
-    }
-}
-
-/// What a joint does at its value, in lanes.
-#[derive(Clone, Copy)]
-enum Motion<F> {
-    /// It turns about z.
-    About { sine: F, cosine: F },
-    /// It slides along z (m).
-    Along(F),
-}
-
-impl<F: Float8> Motion<F> {
-    #[inline(always)]
-    fn turn(angle: F) -> Self {
-        let (sine, cosine) = sin_cos(angle);
-        Self::About { sine, cosine }
+        // Sines and cosines first, which wait for nothing; they are left where their frames will be.
+        for (step, frame) in self.steps.iter().zip(out.iter_mut()) {
+            let value = F::load(&q[step.joint]).mul_add(F::splat(step.multiplier), F::splat(step.shift));
+            let motion = if step.slides { (value, value) } else { sin_cos(value) };
+            (frame.origin[0], frame.origin[1]) = motion;
+        }
+        for (index, step) in self.steps.iter().enumerate() {
+            let (before, from_here) = out.split_at_mut(index);
+            let Some(frame) = from_here.first_mut() else { break };
+            let (sine, cosine) = (frame.origin[0], frame.origin[1]);
+            match &step.before {
+                Before::On { parent, origin, turn: Turn::Quarter } if !step.slides => {
+                    before[*parent].quarter_turn(origin, (sine, cosine), frame);
+                }
+                Before::Upright { origin } if !step.slides => {
+                    let none = F::splat(0.0);
+                    frame.axes = [[cosine, sine, none], [-sine, cosine, none], splat3(&UPRIGHT[2])];
+                    frame.origin = splat3(origin);
+                }
+                other => {
+                    let at = match other {
+                        Before::Upright { origin } => still(&UPRIGHT, origin),
+                        Before::Still { axes, origin } => still(axes, origin),
+                        Before::On { parent, origin, turn } => before[*parent].follow(origin, turn),
+                    };
+                    *frame = if step.slides { at.slid(sine) } else { at.turned(sine, cosine) };
+                }
+            }
+        }
     }
 }
 
@@ -223,60 +244,76 @@ fn still<F: Float8>(axes: &[[f32; 3]; 3], origin: &[f32; 3]) -> Frame8<F> {
 }
 
 impl<F: Float8> Frame8<F> {
-    /// The frame that stands on this one at `origin`, turned by `turn`, once its joint has moved.
+    /// One that is to be placed.
     #[inline(always)]
-    fn follow(&self, origin: &[f32; 3], turn: &Turn, motion: Motion<F>) -> Self {
-        let origin = column_sum(&self.origin, &self.axes, origin);
+    fn nowhere() -> Self {
+        let zero = [F::splat(0.0); 3];
+        Self { axes: [zero; 3], origin: zero }
+    }
+
+    /// The frame that stands on this one at `origin`, turned by a quarter about x that takes z to y, once it has
+    /// turned about its own z by an angle of this sine and cosine; written to `out`.
+    #[inline(always)]
+    fn quarter_turn(&self, origin: &Origin, (sine, cosine): (F, F), out: &mut Self) {
+        out.origin = match origin {
+            Origin::Along { axis, by } => scale3(&self.origin, &self.axes[*axis], F::splat(*by)),
+            Origin::At(origin) => column_sum(&self.origin, &self.axes, origin),
+        };
+        // y goes to -z and z to y, then both x and y turn about that.
+        let back = -cosine;
+        for k in 0..3 {
+            let (x, y, z) = (self.axes[0][k], self.axes[1][k], self.axes[2][k]);
+            out.axes[0][k] = z.neg_mul_add(sine, x * cosine);
+            out.axes[1][k] = x.neg_mul_add(sine, z * back);
+            out.axes[2][k] = y;
+        }
+    }
+
+    /// The frame that stands on this one at `origin`, turned by `turn`, before its joint moves.
+    #[inline(always)]
+    fn follow(&self, origin: &Origin, turn: &Turn) -> Self {
+        let origin = column_sum(&self.origin, &self.axes, &origin.vector());
         let [x, y, z] = self.axes;
-        match (turn, motion) {
-            (Turn::Not, _) => Self { axes: [x, y, z], origin }.moved(motion),
-            (Turn::Quarter, Motion::About { sine, cosine }) => {
-                // y goes to -z and z to y, then both x and y turn about that.
-                let back = -cosine;
-                let mut axes = [x, z, y];
-                for k in 0..3 {
-                    axes[0][k] = z[k].neg_mul_add(sine, x[k] * cosine);
-                    axes[1][k] = x[k].neg_mul_add(sine, z[k] * back);
-                }
-                Self { axes, origin }
-            }
-            (Turn::Quarter, _) => Self { axes: [x, [-z[0], -z[1], -z[2]], y], origin }.moved(motion),
-            (Turn::AboutX { cosine, sine }, _) => {
+        let axes = match turn {
+            Turn::Not => [x, y, z],
+            Turn::Quarter => [x, [-z[0], -z[1], -z[2]], y],
+            Turn::AboutX { cosine, sine } => {
                 let (c, s) = (F::splat(*cosine), F::splat(*sine));
                 let mut axes = [x, y, z];
                 for k in 0..3 {
                     axes[1][k] = z[k].mul_add(s, y[k] * c);
                     axes[2][k] = y[k].neg_mul_add(s, z[k] * c);
                 }
-                Self { axes, origin }.moved(motion)
+                axes
             }
-            (Turn::Any(columns), _) => {
+            Turn::Any(columns) => {
                 let zero = splat3(&[0.0; 3]);
-                let axes = [
+                [
                     column_sum(&zero, &self.axes, &columns[0]),
                     column_sum(&zero, &self.axes, &columns[1]),
                     column_sum(&zero, &self.axes, &columns[2]),
-                ];
-                Self { axes, origin }.moved(motion)
+                ]
             }
-        }
+        };
+        Self { axes, origin }
     }
 
-    /// The frame once its joint has moved.
+    /// The frame after it has slid along its z (m).
     #[inline(always)]
-    fn moved(self, motion: Motion<F>) -> Self {
-        let [x, y, z] = self.axes;
-        match motion {
-            Motion::Along(way) => Self { origin: scale3(&self.origin, &z, way), ..self },
-            Motion::About { sine, cosine } => {
-                let mut axes = [x, y, z];
-                for k in 0..3 {
-                    axes[0][k] = y[k].mul_add(sine, x[k] * cosine);
-                    axes[1][k] = x[k].neg_mul_add(sine, y[k] * cosine);
-                }
-                Self { axes, ..self }
-            }
+    fn slid(self, way: F) -> Self {
+        Self { origin: scale3(&self.origin, &self.axes[2], way), ..self }
+    }
+
+    /// The frame after it has turned about its z by an angle of this sine and cosine.
+    #[inline(always)]
+    fn turned(self, sine: F, cosine: F) -> Self {
+        let [x, y, _] = self.axes;
+        let mut axes = self.axes;
+        for k in 0..3 {
+            axes[0][k] = y[k].mul_add(sine, x[k] * cosine);
+            axes[1][k] = x[k].neg_mul_add(sine, y[k] * cosine);
         }
+        Self { axes, ..self }
     }
 }
 

@@ -21,19 +21,22 @@ fn extent(shapes: &[PlacedShape], body: &Pose, direction: &Vec3) -> f64 {
 pub(super) fn finger_clearance(problem: &Problem, class: usize) -> f64 {
     let mut most = 0.0_f64;
     let Some(object) = problem.objects.iter().find(|object| object.class == class) else { return most };
+    let sideways = |shapes: &[PlacedShape], body: &Pose| {
+        [Vec3::x(), -Vec3::x(), Vec3::y(), -Vec3::y()].map(|direction| extent(shapes, body, &direction))
+    };
+    let grasps = object.grasps.iter().map(|grasp| {
+        let near_end = -extent(&object.shapes, &grasp.object_in_tcp, &-Vec3::z());
+        (grasp, near_end, sideways(&object.shapes, &grasp.object_in_tcp))
+    });
+    let grasps: Vec<_> = grasps.collect();
     for arm in &problem.workcell.arms {
         let in_tcp = arm.tool.tcp.inverse();
-        for grasp in object.grasps.iter().filter(|grasp| grasp.fits(arm.tool.max_opening)) {
-            let near_end = -extent(&object.shapes, &grasp.object_in_tcp, &-Vec3::z());
-            for shape in &arm.tool.shapes {
-                let shape = std::slice::from_ref(shape);
-                if extent(shape, &in_tcp, &Vec3::z()) <= near_end {
-                    continue;
-                }
-                for direction in [Vec3::x(), -Vec3::x(), Vec3::y(), -Vec3::y()] {
-                    let beyond = extent(shape, &in_tcp, &direction)
-                        - extent(&object.shapes, &grasp.object_in_tcp, &direction);
-                    most = most.max(beyond);
+        for shape in arm.tool.shapes.chunks(1) {
+            let (tip, reach) = (extent(shape, &in_tcp, &Vec3::z()), sideways(shape, &in_tcp));
+            for (grasp, near_end, own) in &grasps {
+                if grasp.fits(arm.tool.max_opening) && tip > *near_end {
+                    let beyond = reach.iter().zip(own).map(|(tool, object)| tool - object);
+                    most = beyond.fold(most, f64::max);
                 }
             }
         }

@@ -11,7 +11,7 @@ use crate::kinematics::Config;
 use crate::run::{Control, Rng};
 use crate::workcell::ArmId;
 
-use super::roadmap::Roadmap;
+use super::roadmap::{KnownEdges, Roadmap, Situation};
 
 /// How often a path through the roadmap may turn out blocked before the search gives up.
 const GREATEST_REPAIRS: usize = 80;
@@ -82,7 +82,11 @@ pub fn find_path(
     if around.edge_free(from, to) {
         return Some(vec![from.clone(), to.clone()]);
     }
-    let path = through_roadmap(&around, roadmap, from, to, control)?;
+    let situation = Situation::new(held, resting, avoid);
+    let mut known = roadmap.recall(&situation);
+    let path = through_roadmap(&around, roadmap, (from, to), &mut known, control);
+    roadmap.remember(situation, known);
+    let path = path?;
     Some(shortcut(&around, roadmap, path, rng))
 }
 
@@ -90,22 +94,20 @@ pub fn find_path(
 fn through_roadmap(
     around: &Surroundings<'_>,
     roadmap: &mut Roadmap,
-    from: &Config,
-    to: &Config,
+    (from, to): (&Config, &Config),
+    known: &mut KnownEdges,
     control: &Control,
 ) -> Option<Vec<Config>> {
     let count = roadmap.vertices().len();
     let (source, target) = (count, count + 1);
     let mut starts = roadmap.nearest(from, CONNECTIONS);
     let mut goals = roadmap.nearest(to, CONNECTIONS);
-    let mut blocked: BTreeSet<usize> = BTreeSet::new();
-    let mut free: BTreeSet<usize> = BTreeSet::new();
     let mut free_ends: BTreeSet<(usize, usize)> = BTreeSet::new();
     for _ in 0..GREATEST_REPAIRS {
         if control.should_stop() {
             return None;
         }
-        let route = shortest(roadmap, from, to, (source, target), (&starts, &goals), &blocked)?;
+        let route = shortest(roadmap, from, to, (source, target), (&starts, &goals), &known.blocked)?;
         let config = |v: usize| {
             if v == source {
                 from.clone()
@@ -124,17 +126,9 @@ fn through_roadmap(
             let (u, v) = (route[i].0, route[i + 1].0);
             match route[i + 1].1 {
                 Some(edge) => {
-                    if free.contains(&edge) {
-                        continue;
-                    }
-                    let passes =
-                        roadmap.edge_free(around.world, edge) && around.edge_free(&points[i], &points[i + 1]);
-                    if passes {
-                        free.insert(edge);
-                    } else {
-                        blocked.insert(edge);
-                        broken = true;
-                    }
+                    broken = !known.is_free(edge, || {
+                        roadmap.edge_free(around.world, edge) && around.edge_free(&points[i], &points[i + 1])
+                    });
                 }
                 None => {
                     if free_ends.contains(&(u, v)) {

@@ -1,7 +1,7 @@
 //! The search over the tensor product of the arms' roadmaps (dRRT: Solovey et al. 2016; with the
 //! informed steering, rewiring and branch-and-bound of dRRT*: Shome et al. 2019).
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use rand::Rng as _;
 
@@ -12,7 +12,7 @@ use crate::run::{Control, Rng};
 use crate::trajectory::{Curve, CurveTable, time_path};
 use crate::workcell::ArmId;
 
-use super::roadmap::Roadmap;
+use super::roadmap::{KnownEdges, Roadmap, Situation};
 use super::schedule::find_conflict;
 use super::task::{ArmGoal, ArmTask, StepTask};
 use super::timed::{ArmMotion, CurveMotion, StepMotion, Window};
@@ -66,8 +66,16 @@ pub(super) fn plan(
             _ => None,
         })
         .collect();
-    let mut search = Composite { world, roadmaps, task, resting: &resting };
-    let path = search.grow_tree(&from, &to, control, rng)?;
+    let situations: Vec<Situation> =
+        task.arms.iter().map(|arm| Situation::new(arm.held.as_ref(), &resting, &[])).collect();
+    let known = roadmaps.iter_mut().zip(&situations).map(|(roadmap, at)| roadmap.recall(at)).collect();
+    let mut search = Composite { world, roadmaps, task, resting: &resting, known, meeting: BTreeSet::new() };
+    let path = search.grow_tree(&from, &to, control, rng);
+    let known = std::mem::take(&mut search.known);
+    for ((roadmap, at), known) in roadmaps.iter_mut().zip(situations).zip(known) {
+        roadmap.remember(at, known);
+    }
+    let path = path?;
     // The order makes a difference only among several.
     let orders = |several: bool| if several { &ORDERS[..] } else { &ORDERS[..1] };
     let leaving = task.arms.iter().filter(|arm| arm.departure.is_some()).count();
@@ -82,6 +90,13 @@ pub(super) fn plan(
         }
         assemble(problem, world, task, &resting, &path, order)
     })
+}
+
+/// Along an edge of an arm's roadmap, by its number, to one of its vertices.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+struct Passage {
+    edge: usize,
+    to: usize,
 }
 
 /// A vertex of the composite tree.
@@ -99,6 +114,10 @@ struct Composite<'a> {
     roadmaps: &'a mut [Roadmap],
     task: &'a StepTask,
     resting: &'a Resting,
+    /// By arm, what is known of the edges of its roadmap with what it holds, among what is at rest.
+    known: Vec<KnownEdges>,
+    /// Pairs of arms with a passage of each one on which they do not keep apart.
+    meeting: BTreeSet<[(usize, Passage); 2]>,
 }
 
 impl Composite<'_> {
@@ -137,7 +156,7 @@ impl Composite<'_> {
                 .collect();
             let near = (0..tree.len())
                 .min_by(|&a, &b| self.gap(&tree[a].q, &sample).total_cmp(&self.gap(&tree[b].q, &sample)))?;
-            let next = self.steer(&tree[near], &sample, rng);
+            let (next, by) = self.steer(&tree[near], &sample, rng);
             if next.q == tree[near].q {
                 continue;
             }
@@ -145,7 +164,7 @@ impl Composite<'_> {
             let same = known.get(&next.at).copied();
             let is_vain = same.is_some_and(|same| cost >= tree[same].cost)
                 || best.as_ref().is_some_and(|(least, _)| cost >= *least);
-            if is_vain || !self.edge_free(&tree[near].q, &next.q) {
+            if is_vain || !self.edge_free(&tree[near].q, &next.q, &by) {
                 continue;
             }
             let newest = match same {
@@ -190,11 +209,13 @@ impl Composite<'_> {
         a.iter().zip(b).zip(self.roadmaps.iter()).map(|((x, y), roadmap)| roadmap.distance(x, y)).sum()
     }
 
-    /// For each arm the roadmap neighbour that lies most in the direction of the sample, or a rest.
-    fn steer(&mut self, node: &Node, sample: &[Config], rng: &mut Rng) -> Node {
+    /// For each arm the roadmap neighbour that lies most in the direction of the sample, or a rest; and by arm the
+    /// passage that leads there, if it is one.
+    fn steer(&mut self, node: &Node, sample: &[Config], rng: &mut Rng) -> (Node, Vec<Option<Passage>>) {
         let count = node.q.len();
         let mut q = Vec::with_capacity(count);
         let mut at = Vec::with_capacity(count);
+        let mut by = vec![None; count];
         for (arm, wanted) in sample.iter().enumerate() {
             if rng.random_bool(0.15) {
                 q.push(node.q[arm].clone());
@@ -202,22 +223,25 @@ impl Composite<'_> {
                 continue;
             }
             let roadmap = &self.roadmaps[arm];
-            let neighbours: Vec<usize> = match node.at[arm] {
+            let blocked =
+                |edge: usize| roadmap.known_blocked(edge) || self.known[arm].blocked.contains(&edge);
+            let neighbours: Vec<(Option<usize>, usize)> = match node.at[arm] {
                 Some(vertex) => roadmap
                     .neighbours(vertex)
-                    .filter(|&(edge, _)| !roadmap.known_blocked(edge))
-                    .map(|(_, next)| next)
+                    .filter(|&(edge, _)| !blocked(edge))
+                    .map(|(edge, next)| (Some(edge), next))
                     .collect(),
-                None => roadmap.nearest(&node.q[arm], 8),
+                None => roadmap.nearest(&node.q[arm], 8).into_iter().map(|next| (None, next)).collect(),
             };
-            let best = neighbours.into_iter().max_by(|&a, &b| {
+            let best = neighbours.into_iter().max_by(|&(_, a), &(_, b)| {
                 let towards = |v: usize| cosine(&node.q[arm], &roadmap.vertices()[v], wanted);
                 towards(a).total_cmp(&towards(b)).then(b.cmp(&a))
             });
             match best {
-                Some(vertex) => {
+                Some((edge, vertex)) => {
                     q.push(roadmap.vertices()[vertex].clone());
                     at.push(Some(vertex));
+                    by[arm] = edge.map(|edge| Passage { edge, to: vertex });
                 }
                 None => {
                     q.push(node.q[arm].clone());
@@ -225,12 +249,18 @@ impl Composite<'_> {
                 }
             }
         }
-        Node { q, at, parent: 0, cost: 0.0 }
+        (Node { q, at, parent: 0, cost: 0.0 }, by)
     }
 
     /// Joins `from` to the goal: all arms at once, or one after the other in two orders.
-    fn connect(&self, from: &[Config], goal: &[Config], to: &[Option<Config>]) -> Option<Vec<Vec<Config>>> {
-        if self.edge_free(from, goal) {
+    fn connect(
+        &mut self,
+        from: &[Config],
+        goal: &[Config],
+        to: &[Option<Config>],
+    ) -> Option<Vec<Vec<Config>>> {
+        let none = vec![None; from.len()];
+        if self.edge_free(from, goal, &none) {
             return Some(vec![goal.to_vec()]);
         }
         let movers: Vec<usize> = (0..from.len()).filter(|&arm| to[arm].is_some()).collect();
@@ -242,7 +272,7 @@ impl Composite<'_> {
             for arm in order {
                 let mut next = at.clone();
                 next[arm] = goal[arm].clone();
-                if !self.edge_free(&at, &next) {
+                if !self.edge_free(&at, &next, &none) {
                     return None;
                 }
                 path.push(next.clone());
@@ -252,8 +282,15 @@ impl Composite<'_> {
         })
     }
 
-    /// Whether the straight composite edge is certified free.
-    fn edge_free(&self, from: &[Config], to: &[Config]) -> bool {
+    /// Whether the straight composite edge is certified free; `by` tells by arm the passage of its roadmap, where it
+    /// is one.
+    fn edge_free(&mut self, from: &[Config], to: &[Config], by: &[Option<Passage>]) -> bool {
+        let on = |arm: usize| by[arm].map(|passage| (arm, passage));
+        let edges: Vec<(usize, Passage)> = (0..by.len()).filter_map(on).collect();
+        let mut pairs = edges.iter().enumerate().flat_map(|(n, a)| edges[n + 1..].iter().map(|b| [*a, *b]));
+        if pairs.any(|pair| self.meeting.contains(&pair)) {
+            return false;
+        }
         let none = Exemption::default();
         let motions: Vec<StraightMotion> =
             from.iter().zip(to).map(|(a, b)| StraightMotion::new(a, b)).collect();
@@ -264,20 +301,38 @@ impl Composite<'_> {
             .enumerate()
             .map(|(i, (motion, arm))| (ArmId(i), motion as &dyn JointMotion, arm.held.as_ref(), none))
             .collect();
-        (0..arms.len()).all(|i| {
-            from[i] == to[i]
-                || self.world.static_free(ArmId(i), &motions[i], arms[i].held.as_ref(), self.resting, none)
-        }) && self.world.conflict_among(&takings, (0.0, 1.0)).is_none()
+        for (i, motion) in motions.iter().enumerate() {
+            let check =
+                || self.world.static_free(ArmId(i), motion, arms[i].held.as_ref(), self.resting, none);
+            let free = match by[i] {
+                _ if from[i] == to[i] => true,
+                Some(passage) => self.known[i].is_free(passage.edge, check),
+                None => check(),
+            };
+            if !free {
+                return false;
+            }
+        }
+        match self.world.conflict_among(&takings, (0.0, 1.0)) {
+            None => true,
+            Some((a, b)) => {
+                if let (Some(one), Some(two)) = (on(a), on(b)) {
+                    self.meeting.insert([one, two]);
+                }
+                false
+            }
+        }
     }
 
-    fn shortcut(&self, mut path: Vec<Vec<Config>>, rng: &mut Rng) -> Vec<Vec<Config>> {
+    fn shortcut(&mut self, mut path: Vec<Vec<Config>>, rng: &mut Rng) -> Vec<Vec<Config>> {
+        let none = vec![None; self.task.arms.len()];
         for _ in 0..3 * path.len() {
             if path.len() < 3 {
                 break;
             }
             let i = rng.random_range(0..path.len() - 2);
             let j = rng.random_range(i + 2..path.len());
-            if self.edge_free(&path[i], &path[j]) {
+            if self.edge_free(&path[i], &path[j], &none) {
                 path.drain(i + 1..j);
             }
         }
@@ -414,6 +469,13 @@ fn assemble(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::collision::Scene;
+    use crate::geometry::pose_from_parts;
+    use crate::motion::first_roadmaps;
+    use crate::run::Seed;
+    use crate::scenario::{Family, generate};
+    use crate::wire::{LibraryOnly, ReadLimits, read_problem_value};
+    use crate::workcell::ObjectId;
 
     #[test]
     fn a_cheaper_parent_makes_all_that_hangs_on_a_node_cheaper() {
@@ -431,5 +493,71 @@ mod tests {
     fn each_order_has_every_arm_once() {
         assert_eq!(in_order(3, Order::Together), [0, 1, 2]);
         assert_eq!(in_order(3, Order::Descending), [2, 1, 0]);
+    }
+
+    /// A passage with the vertex where it begins.
+    type From = (usize, Passage);
+
+    #[test]
+    fn what_is_remembered_of_composite_edges_is_what_is_so() {
+        let document = generate(Family::Switch, 2, 2, 1).unwrap();
+        let problem = read_problem_value(&document, &LibraryOnly, &ReadLimits::default()).unwrap().problem;
+        let world = CollisionWorld::new(&problem);
+        let control = Control::with_budget(std::time::Duration::from_secs(600));
+        let (mut roadmaps, _) = first_roadmaps(&problem.workcell, &world, 1, &control);
+        let idle = |home: &Config| ArmTask {
+            start: home.clone(),
+            held: None,
+            departure: None,
+            wait_for: None,
+            dwell: 0.0,
+            goal: ArmGoal::Toward(home.clone()),
+        };
+        let pose = pose_from_parts([0.5, 0.0, 0.9], [0.0, 0.0, 0.0, 1.0]);
+        let task = StepTask {
+            arms: problem.workcell.arms.iter().map(|arm| idle(&arm.home)).collect(),
+            scene: Scene { resting: vec![(ObjectId(0), pose)] },
+        };
+        let resting = world.resting_atoms(&task.scene);
+        let vertices: Vec<Vec<Config>> = roadmaps.iter().map(|roadmap| roadmap.vertices().to_vec()).collect();
+        let mut rng = Seed(4).stream("composite");
+        let mut draw = |roadmap: &Roadmap| -> Vec<From> {
+            let all = (0..roadmap.vertices().len()).flat_map(|from| {
+                roadmap.neighbours(from).map(move |(edge, to)| (from, Passage { edge, to }))
+            });
+            let all: Vec<From> = all.collect();
+            (0..12).map(|_| all[rng.random_range(0..all.len())]).collect()
+        };
+        let (ours, theirs) = (draw(&roadmaps[0]), draw(&roadmaps[1]));
+        // Every pair of passages, one of them backwards, too, and again.
+        let mut cases: Vec<[From; 2]> = Vec::new();
+        for _ in 0..2 {
+            for &(from, passage) in &ours {
+                for &other in &theirs {
+                    let backwards = (passage.to, Passage { to: from, ..passage });
+                    cases.extend([[(from, passage), other], [backwards, other]]);
+                }
+            }
+        }
+        let mut free = |cases: &[[From; 2]]| -> Vec<bool> {
+            let mut search = Composite {
+                world: &world,
+                roadmaps: &mut roadmaps,
+                task: &task,
+                resting: &resting,
+                known: vec![KnownEdges::default(); 2],
+                meeting: BTreeSet::new(),
+            };
+            let mut is_free = |[ours, theirs]: &[From; 2]| {
+                let from = [vertices[0][ours.0].clone(), vertices[1][theirs.0].clone()];
+                let to = [vertices[0][ours.1.to].clone(), vertices[1][theirs.1.to].clone()];
+                search.edge_free(&from, &to, &[Some(ours.1), Some(theirs.1)])
+            };
+            cases.iter().map(&mut is_free).collect()
+        };
+        let together = free(&cases);
+        let each: Vec<bool> = cases.iter().map(|case| free(std::slice::from_ref(case))[0]).collect();
+        assert_eq!(together, each);
+        assert!(together.contains(&true) && together.contains(&false));
     }
 }

@@ -1,6 +1,7 @@
 //! One arm's roadmap: free configurations and straight edges between neighbours (PRM*, Karaman
 //! and Frazzoli 2011), validated lazily against the static workcell and remembered.
 
+mod memo;
 mod stored;
 
 use std::sync::Arc;
@@ -13,6 +14,9 @@ use crate::collision::{CollisionWorld, Exemption, Scene, StraightMotion};
 use crate::kinematics::Config;
 use crate::run::{Control, Rng};
 use crate::workcell::{Arm, ArmId};
+
+use memo::EdgeMemo;
+pub(super) use memo::{KnownEdges, Situation};
 
 /// Configurations that are drawn and checked at a time.
 const BATCH: usize = 8;
@@ -79,6 +83,7 @@ pub struct Roadmap {
     /// By edge.
     validity: Vec<Validity>,
     shared: Arc<SharedChecks>,
+    memo: EdgeMemo,
 }
 
 impl Roadmap {
@@ -94,6 +99,7 @@ impl Roadmap {
             incident: Arc::default(),
             validity: Vec::new(),
             shared: Arc::default(),
+            memo: EdgeMemo::default(),
         }
     }
 
@@ -255,6 +261,16 @@ impl Roadmap {
         let free = world.static_free(self.arm, &motion, None, &resting, Exemption::default());
         self.shared.set(edge, free);
         free
+    }
+
+    /// Takes out what is known of edges in a situation; to be given back by [`Self::remember`].
+    pub(super) fn recall(&mut self, situation: &Situation) -> KnownEdges {
+        self.memo.take(situation)
+    }
+
+    /// Remembers what is known of edges in a situation.
+    pub(super) fn remember(&mut self, situation: Situation, known: KnownEdges) {
+        self.memo.give_back(situation, known);
     }
 
     /// Whether the edge is known to be blocked by the static workcell.

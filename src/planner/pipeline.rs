@@ -1,7 +1,8 @@
 //! From a problem to judged incumbents.
 
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::{Mutex, OnceLock};
+use std::sync::{Condvar, Mutex, OnceLock, PoisonError};
+use std::time::Duration;
 
 use crate::collision::CollisionWorld;
 use crate::guidance::{Answer, Certificate, Cuts, Effort, Instance, Network, Proof, solve};
@@ -19,6 +20,10 @@ use super::event::{Outcome, PlannerEvent, Termination};
 
 /// Pairs of actions that are looked at closely and found not to go together in one step before the search begins.
 const MOST_CROWDINGS: usize = 6;
+
+/// Further threads begin once there is a plan, or after this time. Before that they would do what the first one does,
+/// and slow it down: processors share their memory, and often more.
+const ALONE: Duration = Duration::from_millis(200);
 
 /// Least time (s) between two signs of life.
 const PROGRESS_PERIOD_S: f64 = 0.25;
@@ -110,6 +115,8 @@ fn run(
         bound: bound.steps,
         stop: CancelToken::new(),
         iterations: AtomicU64::new(0),
+        under_way: Mutex::new(known.is_some()),
+        joining: Condvar::new(),
         board: Mutex::new(Board {
             observe,
             best: known.cloned(),
@@ -211,6 +218,10 @@ struct Run<'a, 'o> {
     /// Raised when one thread has met a stop condition.
     stop: CancelToken,
     iterations: AtomicU64,
+    /// Whether there is a plan to go on from, or nothing to be done any more.
+    under_way: Mutex<bool>,
+    /// Tells of `under_way`.
+    joining: Condvar,
     board: Mutex<Board<'o>>,
 }
 
@@ -226,6 +237,19 @@ struct Board<'o> {
     rejected: u64,
 }
 
+/// The end of the first thread's search, however it comes: nobody waits for it any more, and where it is a panic, all
+/// end.
+struct End<'r, 'a, 'o>(&'r Run<'a, 'o>);
+
+impl Drop for End<'_, '_, '_> {
+    fn drop(&mut self) {
+        if std::thread::panicking() {
+            self.0.stop.cancel();
+        }
+        self.0.let_others_join();
+    }
+}
+
 impl<'a> Run<'a, '_> {
     fn search_with(&self, threads: usize, first: Search<'a>, seed: Seed) {
         std::thread::scope(|scope| {
@@ -234,14 +258,30 @@ impl<'a> Run<'a, '_> {
                 let contacts = first.contacts().clone().with_rng(own.stream("contacts"));
                 let (settings, roadmaps) = (Settings::default(), self.roadmaps.to_vec());
                 scope.spawn(move || {
+                    self.wait_to_join();
+                    if self.should_stop() {
+                        return;
+                    }
                     let (problem, world, map) = (self.problem, self.world, self.map);
                     let search =
                         Search::new(problem, world, map, contacts, roadmaps, settings, own, self.control);
                     self.search(search);
                 });
             }
+            let _end = End(self);
             self.search(first);
         });
+    }
+
+    /// Waits until there is a plan, or for [`ALONE`].
+    fn wait_to_join(&self) {
+        let begun = self.under_way.lock().unwrap_or_else(PoisonError::into_inner);
+        drop(self.joining.wait_timeout_while(begun, ALONE, |under_way| !*under_way));
+    }
+
+    fn let_others_join(&self) {
+        *self.under_way.lock().unwrap_or_else(PoisonError::into_inner) = true;
+        self.joining.notify_all();
     }
 
     /// One thread's search until a stop condition is met.
@@ -289,7 +329,7 @@ impl<'a> Run<'a, '_> {
     }
 
     fn lock<T>(&self, act: impl FnOnce(&mut Board<'_>) -> T) -> T {
-        let mut board = self.board.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+        let mut board = self.board.lock().unwrap_or_else(PoisonError::into_inner);
         act(&mut board)
     }
 
@@ -358,7 +398,7 @@ impl<'a> Run<'a, '_> {
             return None;
         }
         plan.verification = Some(verdict.verification());
-        self.lock(|board| {
+        let published = self.lock(|board| {
             // Another thread may have been faster.
             if board.cost.is_some_and(|best| cost >= best) {
                 return None;
@@ -372,7 +412,9 @@ impl<'a> Run<'a, '_> {
             board.best = Some(plan);
             self.check_goals(board, candidate.duration, candidate.steps);
             Some(cost)
-        })
+        });
+        self.let_others_join();
+        published
     }
 
     fn check_goals(&self, board: &mut Board<'_>, duration: f64, steps: usize) {
@@ -417,7 +459,7 @@ impl<'a> Run<'a, '_> {
 
     fn outcome(self) -> Outcome {
         let cancelled = self.control.cancel.is_cancelled();
-        let board = self.board.into_inner().unwrap_or_else(std::sync::PoisonError::into_inner);
+        let board = self.board.into_inner().unwrap_or_else(PoisonError::into_inner);
         let termination = match (board.termination, &board.best) {
             (Some(termination), Some(_)) => termination,
             _ if cancelled => Termination::Cancelled,

@@ -93,16 +93,10 @@ impl<'a> Grounding<'a> {
 
     /// Of up to `most` configurations at the contact those at which arm and object are free.
     pub(super) fn configurations(&self, most: usize, rng: &mut Rng) -> Vec<Config> {
-        let arm = &self.problem.workcell.arms[self.query.arm.0];
-        let mount = arm.base.inverse() * self.tcp * arm.tool.tcp.inverse();
-        let mut solutions = Vec::new();
-        arm.model.inverse(&arm.limits, &mount, most, rng, &mut solutions);
-        let all: Vec<&[f64]> = solutions.iter().map(|q| &q[..]).collect();
         let (held, empty) = (Some(&self.held), Scene::default());
-        let free = self.world.configs_free(self.query.arm, &all, held, &empty, self.touching);
-        let mut free = free.into_iter();
-        solutions.retain(|_| free.next().unwrap_or(false));
-        solutions
+        let targets = (&[self.tcp][..], most);
+        let found = self.world.inverse_free(self.query.arm, targets, held, &empty, self.touching, rng);
+        found.into_iter().flatten().collect()
     }
 
     /// Whether the arm can follow the lines from `q`, one of [`Self::configurations`].

@@ -121,8 +121,7 @@ impl Chain {
             match &node.drive {
                 Drive::Fixed => {}
                 Drive::Turn { axis, joint, multiplier, offset } => {
-                    let turn = turn_about(axis, multiplier * q[*joint] + offset);
-                    frame.rotation *= turn;
+                    turn(&mut frame.rotation, axis, multiplier * q[*joint] + offset);
                 }
                 Drive::Slide { axis, joint, multiplier, offset } => {
                     frame.position += frame.rotation * axis.as_ref() * (multiplier * q[*joint] + offset);
@@ -185,6 +184,40 @@ impl Chain {
     }
 }
 
-fn turn_about(axis: &Unit<Vec3>, angle: f64) -> Matrix3<f64> {
-    *Rotation3::from_axis_angle(axis, angle).matrix()
+/// Turns what `rotation` has turned already about `axis` in its own coordinates.
+fn turn(rotation: &mut Matrix3<f64>, axis: &Unit<Vec3>, angle: f64) {
+    // Mostly it is one of the coordinate axes, which leaves its column and mixes the other two.
+    let is_own = |k: usize| axis[k].abs() == 1.0 && axis[(k + 1) % 3] == 0.0 && axis[(k + 2) % 3] == 0.0;
+    let Some(own) = (0..3).find(|&k| is_own(k)) else {
+        *rotation *= *Rotation3::from_axis_angle(axis, angle).matrix();
+        return;
+    };
+    let (sine, cosine) = (angle * axis[own]).sin_cos();
+    let (u, v) = ((own + 1) % 3, (own + 2) % 3);
+    for row in 0..3 {
+        let (x, y) = (rotation[(row, u)], rotation[(row, v)]);
+        rotation[(row, u)] = x * cosine + y * sine;
+        rotation[(row, v)] = y * cosine - x * sine;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn turns_about_coordinate_axes_are_turns() {
+        let oblique = Unit::new_normalize(Vec3::new(0.3, -0.5, 0.8));
+        let before = *Rotation3::from_axis_angle(&oblique, 0.7).matrix();
+        let axes =
+            [Vec3::x_axis(), Vec3::y_axis(), Vec3::z_axis(), -Vec3::x_axis(), -Vec3::z_axis(), oblique];
+        for axis in axes {
+            for angle in [-2.9, -0.4, 0.0, 1.1, 3.0] {
+                let mut turned = before;
+                turn(&mut turned, &axis, angle);
+                let expected = before * Rotation3::from_axis_angle(&axis, angle).matrix();
+                assert!((turned - expected).norm() < 1e-14, "{axis:?} {angle}");
+            }
+        }
+    }
 }

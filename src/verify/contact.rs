@@ -2,9 +2,10 @@
 //!
 //! Time is cut where the set of exempt pairs changes. On an interval, the distance of two bodies
 //! in its middle less the most that either can have moved from there bounds their distance
-//! throughout; where that does not clear the pair, the interval is halved. Every arm's frames are
-//! computed once per interval for all pairs that are still open there. Pairs of the same two arms
-//! stand side by side, so that boxes around all that an arm sweeps clear many of them at once.
+//! throughout; where that does not clear the pair, the interval is cut, in two or in more pieces where two
+//! would hardly do. Every arm's frames are computed once per interval for all pairs that are still open
+//! there. Pairs of the same two arms stand side by side, so that boxes around all that an arm sweeps
+//! clear many of them at once.
 
 use std::collections::BTreeMap;
 
@@ -24,6 +25,8 @@ const TOLERANCE: f64 = 2e-3;
 const UNDECIDED: f64 = 1e-4;
 /// The least clearance is found to this (m).
 const CLEARANCE_STEP: f64 = 1e-3;
+/// Instants, spread over the plan, at which a first idea of the least clearance is had.
+const MOST_SEEDS: usize = 64;
 /// Overlaps are followed down to intervals of this length (s), for their start and depth.
 const FOLLOW: f64 = 0.01;
 /// No interval is halved below this length (s).
@@ -35,6 +38,8 @@ const QUERY_WORK: u64 = 60;
 const FRAMES_WORK: u64 = 100;
 /// Pairs of bodies of more parts than this do without remembered axes.
 const MAX_AXES: usize = 64;
+/// An interval is cut in at most so many at once.
+const MOST_CUTS: f64 = 8.0;
 /// Runs of pairs of the same two units from this length on are looked at as a whole first.
 const LEAST_RUN: usize = 4;
 
@@ -141,8 +146,11 @@ pub(super) fn check(
     inspector.remember_axes(0);
     let (standing, standing_axes) = (inspector.pairs.len(), inspector.axes.len());
     for seeding in [true, false] {
-        for phase in cuts.windows(2) {
+        for (number, phase) in cuts.windows(2).enumerate() {
             let &[from, to] = phase else { continue };
+            if seeding && number % cuts.len().div_ceil(MOST_SEEDS) != 0 {
+                continue;
+            }
             let middle = 0.5 * (from + to);
             inspector.pairs.truncate(standing);
             inspector.axes_at.truncate(standing);
@@ -156,7 +164,6 @@ pub(super) fn check(
             inspector.remember_axes(standing);
             if seeding {
                 inspector.seed(from);
-                inspector.seed(to);
                 continue;
             }
             let all: Vec<usize> = (0..inspector.pairs.len()).collect();
@@ -429,6 +436,8 @@ impl Inspector<'_, '_> {
         let near = self.sift((from, to), open, (self.least() - CLEARANCE_STEP).max(-TOLERANCE));
         let mut still_open = self.spare.pop().unwrap_or_default();
         still_open.clear();
+        // By how much the motion exceeds what would clear a pair, at least.
+        let mut excess = f64::INFINITY;
         self.work += near.len() as u64;
         for &index in &near {
             let pair = self.pairs[index];
@@ -446,6 +455,7 @@ impl Inspector<'_, '_> {
             // While the motion is large against the bodies, looking closely is in vain.
             let reach = self.scene.bodies[pair.a].radius.min(self.scene.bodies[pair.b].radius);
             if motion > far.max(0.0) + reach && to - from > FOLLOW {
+                excess = excess.min(motion / (far.max(0.0) + reach));
                 still_open.push(index);
                 continue;
             }
@@ -458,17 +468,20 @@ impl Inspector<'_, '_> {
             if apart.lower - motion > -TOLERANCE {
                 // Free of contact; only the clearance asks for more.
                 if motion > CLEARANCE_STEP {
+                    excess = excess.min(motion / (apart.lower - target).max(CLEARANCE_STEP));
                     still_open.push(index);
                 }
             } else if apart.estimate <= -TOLERANCE {
                 let since = if motion <= UNDECIDED { from } else { middle };
                 self.overlap(&pair, &apart, since, true);
                 if to - from > FOLLOW && motion > UNDECIDED {
+                    excess = 1.0;
                     still_open.push(index);
                 }
             } else if motion <= UNDECIDED || to - from <= SHORTEST {
                 self.overlap(&pair, &apart, from, false);
             } else {
+                excess = excess.min(motion / (apart.lower - target).max(UNDECIDED));
                 still_open.push(index);
             }
         }
@@ -476,8 +489,11 @@ impl Inspector<'_, '_> {
         let done = if self.work > MAX_WORK {
             false
         } else {
-            still_open.is_empty()
-                || (self.certify(from, middle, &still_open) && self.certify(middle, to, &still_open))
+            // Motion shrinks about as the interval does: fewer pieces would hardly clear a pair.
+            let pieces =
+                if still_open.is_empty() { 0.0 } else { excess.log2().floor().exp2().clamp(2.0, MOST_CUTS) };
+            let edge = |n: f64| if n < pieces { from + (to - from) * (n / pieces) } else { to };
+            (0..pieces as usize).all(|n| self.certify(edge(n as f64), edge(n as f64 + 1.0), &still_open))
         };
         self.spare.push(still_open);
         done

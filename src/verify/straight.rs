@@ -22,6 +22,9 @@ const TURNED: f64 = 3.0 * std::f64::consts::PI / 180.0;
 const FINE_SHIFT: f64 = 1e-4;
 const FINE_TURN: f64 = 1e-3;
 
+/// The first piece of time (s) from an action on.
+const FIRST_PIECE: f64 = 0.05;
+
 /// What may touch for a while.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Touch {
@@ -184,10 +187,21 @@ struct Way {
     far: f64,
 }
 
+/// The time from `t` to `end` in pieces that get longer and longer, those about `t` last.
+fn pieces(t: f64, end: f64) -> Vec<(f64, f64)> {
+    let (mut edges, mut reach) = (vec![t], FIRST_PIECE);
+    while (end - t).abs() > reach {
+        edges.push(t + reach * (end - t).signum());
+        reach *= 2.0;
+    }
+    edges.push(end);
+    edges.windows(2).rev().map(|edge| (edge[0].min(edge[1]), edge[0].max(edge[1]))).collect()
+}
+
 /// Follows the TCP from `t` on until it has come `length` along `outward`. It must not leave the
 /// line before it is within tolerance of that.
 ///
-/// Intervals are taken from `t` outward, and halved until the motion within them is small enough
+/// Intervals are taken from `t` outward, longer and longer, and halved until the motion within them is small enough
 /// to decide.
 fn follow_line(
     arms: &mut Arms,
@@ -198,14 +212,11 @@ fn follow_line(
     length: f64,
     side: Side,
 ) -> Result<Way, Bent> {
-    let span = match side {
-        Side::Before => (0.0, t),
-        Side::After => (t, arms.duration()),
-    };
+    let end = if side == Side::Before { 0.0 } else { arms.duration() };
     let near_end = |a: f64, b: f64| if side == Side::Before { b } else { a };
     let mut enough = (length <= OFF_LINE).then_some(t);
     let mut covered = 0.0_f64;
-    let mut open = vec![span];
+    let mut open = pieces(t, end);
     while let Some((a, b)) = open.pop() {
         let goal = if enough.is_some() { length - FINE_SHIFT } else { length - OFF_LINE };
         let motion = arms.tool_motion(arm, a, b);
@@ -238,7 +249,6 @@ fn follow_line(
             Side::After => open.extend([(middle, b), (a, middle)]),
         }
     }
-    let end = if side == Side::Before { span.0 } else { span.1 };
     let bent = Bent { t: end, off: length - covered, turn: 0.0, covered };
     enough.map(|enough| Way { enough, far: end }).ok_or(bent)
 }

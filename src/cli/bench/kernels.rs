@@ -76,6 +76,10 @@ fn one_arm(table: &mut Table, rng: &mut Rng) {
         black_box(work.certified());
     });
     table.add("such an edge certified continuously", whole);
+    let targets = best(OneArm::TARGETS, || {
+        black_box(work.inverse(rng));
+    });
+    table.add("inverse kinematics there, in a batch: five, those that are free", targets);
 }
 
 /// Two and nine arms against each other.

@@ -57,6 +57,8 @@ pub(super) struct Limb {
     pub(super) frame: Option<usize>,
     /// How joints move the capsule, not what is in it.
     pub(super) levers: Row,
+    /// The same with 0 for joints that do not move it: nothing to decide where it is looked at most.
+    pub(super) swings: Row,
     /// Radius (m) of the ball around the first joint's origin that it never leaves, where it moves.
     pub(super) reach: f64,
     pub(super) atoms: Vec<u16>,
@@ -107,6 +109,11 @@ pub(in crate::collision) struct LaneArm {
 /// A [`Row`] of `levers`.
 pub(super) fn row(levers: &Levers) -> Row {
     levers.iter().map(|lever| lever.map_or(UNMOVED, |l| (l as f32 * ROUND_UP).min(GREATEST_LEVER))).collect()
+}
+
+/// `levers` with 0 for joints that move nothing.
+pub(super) fn swings(levers: &Row) -> Row {
+    levers.iter().map(|lever| lever.max(0.0)).collect()
 }
 
 /// The lever by which a joint moves two bodies of one arm against each other: one that moves both as
@@ -490,7 +497,8 @@ impl<'a> Builder<'a> {
             }
         };
         let capsule = LaneCapsule::new(&capsule.a, &capsule.b, capsule.radius);
-        (Limb { capsule, frame, levers, reach, atoms }, extent)
+        let swings = swings(&levers);
+        (Limb { capsule, frame, levers, swings, reach, atoms }, extent)
     }
 
     /// How joints move what is within `reach` (m) of the origin of `link`, and how far it gets from

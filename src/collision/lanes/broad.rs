@@ -41,7 +41,9 @@ pub(super) fn with_world<F: Float8>(
 ) {
     let margin = F::splat(world.margin);
     for (index, limb) in limbs.iter().enumerate() {
-        let (hull, need) = (limb.hull(world.margin), limb.need + margin);
+        let (low, high) = limb.bounds();
+        let hull = (low.map(|x| x.least() - world.margin), high.map(|x| x.greatest() + world.margin));
+        let need = limb.need + margin;
         for block in &mover.lanes.arm.near {
             // A held object may get to all of them, an arm's limb not to what comes after this.
             let mut near = block.limbs.get(index).copied().unwrap_or(block.boxes.there);
@@ -53,7 +55,7 @@ pub(super) fn with_world<F: Float8>(
                 let index_in_world = block.boxes.index(near.trailing_zeros());
                 near &= near - 1;
                 let fixed = &world.lane_obstacles[index_in_world];
-                let among = fixed.meets(&limb.low, &limb.high, margin, active);
+                let among = fixed.meets(&low, &high, margin, active);
                 if among == 0 {
                     continue;
                 }
@@ -181,7 +183,8 @@ pub(super) fn with_itself<F: Float8>(
 fn meets<F: Float8>(limb: &PlacedLimb<F>, margin: F, (low, high): Bounds<'_, F>, among: Bits8) -> bool {
     let mut lanes = among;
     for k in 0..3 {
-        let (a, b) = (limb.low[k] - margin, limb.high[k] + margin);
+        let (least, greatest) = limb.extent(k);
+        let (a, b) = (least - margin, greatest + margin);
         lanes &= F::bits(F::both(a.less(high[k]), low[k].less(b)));
     }
     lanes != 0

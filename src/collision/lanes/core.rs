@@ -2,7 +2,7 @@
 
 use crate::collision::atom::{Atom, Core};
 use crate::geometry::lanes::{
-    Bits8, Box8, Float8, Segment8, V3, box_box_gap, column_sum, dot3, lengths, segment_box_outside,
+    Bits8, Box8, Float8, Segment8, V3, box_box_gap, column_sum, dot3, lengths, scale3, segment_box_outside,
     segment_box_squared, segment_segment_squared, splat3, sub3,
 };
 use crate::geometry::{Pose, Vec3};
@@ -24,6 +24,8 @@ pub(super) struct LaneCapsule {
     pub(super) square: f32,
     pub(super) inverse: f32,
     pub(super) radius: f32,
+    /// Whether the axis lies on the carrier's z axis, as those of limbs do that lie about a joint's.
+    upright: bool,
 }
 
 /// A core that stands still, with its bounding box.
@@ -108,6 +110,7 @@ impl LaneCapsule {
             square: axis.0,
             inverse: axis.1,
             radius: radius as f32,
+            upright: [a, b].iter().all(|v| single(v)[..2] == [0.0; 2]),
         }
     }
 
@@ -115,6 +118,10 @@ impl LaneCapsule {
     #[inline(always)]
     pub(super) fn place<F: Float8>(&self, frame: Option<&Frame8<F>>) -> Segment8<F> {
         let (start, along) = match frame {
+            Some(frame) if self.upright => {
+                let (start, along, z) = (F::splat(self.start[2]), F::splat(self.along[2]), &frame.axes[2]);
+                (scale3(&frame.origin, z, start), [z[0] * along, z[1] * along, z[2] * along])
+            }
             Some(frame) => (
                 column_sum(&frame.origin, &frame.axes, &self.start),
                 column_sum(&splat3(&[0.0; 3]), &frame.axes, &self.along),

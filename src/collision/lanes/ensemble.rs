@@ -66,8 +66,7 @@ impl Kernel for Ensemble<'_> {
             let to = arms.get(arm + 1).map_or(limbs.len(), |next| next.0);
             &limbs[arms[arm].0..to]
         };
-        let mut closer: Closer<F> =
-            Closer { arms: SmallVec::from_elem(None, self.movers.len()), placed: Vec::new() };
+        let (mut one, mut two) = (Closer::<F>::new(), Closer::new());
         for (i, first) in self.movers.iter().enumerate() {
             for (j, second) in self.movers.iter().enumerate().skip(i + 1) {
                 if self.still[i] && self.still[j] {
@@ -86,8 +85,7 @@ impl Kernel for Ensemble<'_> {
                 }
                 let scenery = Scenery { world, first, second: Some(second), resting: &[] };
                 let mut exact = Exact::new(world, (first, first.motion), Some((second, second.motion)), &[]);
-                let (x, y) = (closer.place(i, first, &pieces), closer.place(j, second, &pieces));
-                let at = (&closer.placed[x], Some(&closer.placed[y]));
+                let at = (one.place(i, first, &pieces), Some(two.place(j, second, &pieces)));
                 let mut open = 0;
                 for candidate in &candidates {
                     let seen = look(&scenery, candidate, at, &middles, &mut exact);
@@ -106,26 +104,27 @@ impl Kernel for Ensemble<'_> {
     }
 }
 
-/// Arms that were placed for a closer look.
+/// An arm that was placed for a closer look: room that is used for one after the other.
 struct Closer<F> {
-    /// By mover, where it is among those.
-    arms: SmallVec<[Option<usize>; 16]>,
-    placed: Vec<PlacedArm<F>>,
+    /// Which of the movers it is.
+    number: Option<usize>,
+    at: PlacedArm<F>,
 }
 
 impl<F: Float8> Closer<F> {
-    /// Where the mover with this number is among those placed.
     #[inline(always)]
-    fn place(&mut self, number: usize, mover: &Mover<'_>, pieces: &[(f64, f64); 8]) -> usize {
-        if let Some(known) = self.arms[number] {
-            return known;
+    fn new() -> Self {
+        Self { number: None, at: PlacedArm::new() }
+    }
+
+    /// The mover with this number in its place.
+    #[inline(always)]
+    fn place(&mut self, number: usize, mover: &Mover<'_>, pieces: &[(f64, f64); 8]) -> &PlacedArm<F> {
+        if self.number != Some(number) {
+            self.number = Some(number);
+            mover.motion.sample(pieces, &mut self.at.samples);
+            self.at.place(&mover.lanes, false);
         }
-        let last = self.placed.len();
-        self.placed.push(PlacedArm::new());
-        let at = &mut self.placed[last];
-        mover.motion.sample(pieces, &mut at.samples);
-        at.place(&mover.lanes, false);
-        self.arms[number] = Some(last);
-        last
+        &self.at
     }
 }

@@ -2,7 +2,7 @@
 
 use smallvec::SmallVec;
 
-use super::arm::{LaneArm, LaneAtom, Limb, row};
+use super::arm::{LaneArm, LaneAtom, Limb, row, swings};
 use super::core::LaneCapsule;
 use crate::collision::world::HeldAtoms;
 use crate::geometry::Vec3;
@@ -35,7 +35,7 @@ impl Samples {
 /// An arm in a query.
 pub(in crate::collision) struct LaneMover<'a> {
     pub(in crate::collision) arm: &'a LaneArm,
-    pub(in crate::collision) held: Option<LaneHeld>,
+    pub(in crate::collision) held: Option<Box<LaneHeld>>,
 }
 
 /// A held object.
@@ -81,6 +81,7 @@ impl LaneHeld {
         let capsule = LaneCapsule::new(&centre, &centre, radius);
         let first = arm.atoms.len() as u16;
         let indices = (first..first + held.atoms.len() as u16).collect();
-        Self { limb: Limb { capsule, frame: *frame, levers, reach: 0.0, atoms: indices }, atoms }
+        let swings = swings(&levers);
+        Self { limb: Limb { capsule, frame: *frame, levers, swings, reach: 0.0, atoms: indices }, atoms }
     }
 }

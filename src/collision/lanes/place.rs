@@ -37,9 +37,6 @@ pub(super) struct PlacedLimb<F> {
     inverse: f32,
     /// Its radius and the most that it moves in the interval (m).
     pub(super) need: F,
-    /// The box around it, grown by that.
-    pub(super) low: V3<F>,
-    pub(super) high: V3<F>,
 }
 
 impl<F: Float8> PlacedLimb<F> {
@@ -54,29 +51,28 @@ impl<F: Float8> PlacedLimb<F> {
         }
     }
 
-    /// The box around its boxes in all lanes, grown by `margin` (m): low and high.
+    /// The box around it, grown by its need: low and high. Few ask, so it is not kept.
     #[inline(always)]
-    pub(super) fn hull(&self, margin: f32) -> ([f32; 3], [f32; 3]) {
-        let (mut low, mut high) = ([0.0; 3], [0.0; 3]);
+    pub(super) fn bounds(&self) -> (V3<F>, V3<F>) {
+        let (mut low, mut high) = (self.start, self.start);
         for k in 0..3 {
-            low[k] = self.low[k].least() - margin;
-            high[k] = self.high[k].greatest() + margin;
+            (low[k], high[k]) = self.extent(k);
         }
         (low, high)
+    }
+
+    /// The same along one of the placement's axes.
+    #[inline(always)]
+    pub(super) fn extent(&self, k: usize) -> (F, F) {
+        let (a, b) = (self.start[k], self.start[k] + self.along[k]);
+        (a.min(b) - self.need, a.max(b) + self.need)
     }
 
     #[inline(always)]
     fn new(capsule: &LaneCapsule, frame: Option<&Frame8<F>>, need: F) -> Self {
         let axis = capsule.place(frame);
-        let (mut low, mut high) = (axis.start, axis.start);
-        for k in 0..3 {
-            let a = axis.start[k];
-            let b = a + axis.along[k];
-            low[k] = a.min(b) - need;
-            high[k] = a.max(b) + need;
-        }
         let (square, inverse) = (capsule.square, capsule.inverse);
-        Self { start: axis.start, along: axis.along, square, inverse, need, low, high }
+        Self { start: axis.start, along: axis.along, square, inverse, need }
     }
 }
 
@@ -140,18 +136,30 @@ impl<F: Float8> PlacedArm<F> {
         for limb in mover.arm.limbs.iter().chain(held) {
             let mut need = F::splat(limb.capsule.radius);
             if limb.frame.is_some() && !self.still {
-                need = need + motion_bound(&limb.levers, &self.samples.deviations);
+                need = need + bound_of(&limb.swings, &self.samples.deviations);
             }
             let frame = limb.frame.map(|frame| &self.frames[frame]);
             let placed = PlacedLimb::new(&limb.capsule, frame, need);
             for k in 0..3 {
-                low[k] = low[k].min(placed.low[k]);
-                high[k] = high[k].max(placed.high[k]);
+                let (least, greatest) = placed.extent(k);
+                low[k] = low[k].min(least);
+                high[k] = high[k].max(greatest);
             }
             limbs.push(placed);
         }
         (self.low, self.high) = (low, high);
     }
+}
+
+/// The most (m) that a body moves while the joints stray (by something finite), with a lever arm of 0 for those that do
+/// not move it.
+#[inline(always)]
+fn bound_of<F: Float8>(levers: &Row, deviations: &[[f32; 8]]) -> F {
+    let mut sum = F::splat(0.0);
+    for (lever, deviation) in levers.iter().zip(deviations) {
+        sum = F::splat(*lever).mul_add(F::load(deviation), sum);
+    }
+    sum
 }
 
 /// The most (m) that a body with these lever arms moves while the joints stray.

@@ -281,3 +281,42 @@ fn links_that_share_a_joint_move_against_each_other() {
         assert!(certified.iter().all(|count| (30..270).contains(count)), "{certified:?}");
     }
 }
+
+#[test]
+fn inverse_kinematics_in_batches_gives_what_is_within_limits_and_free() {
+    for name in ["switch/4x4", "switch_panda_type/2x2", "switch_ur_type/2x2"] {
+        let problem = problem(name);
+        let world = CollisionWorld::new(&problem);
+        let mut rng = Seed(11).stream("inverse");
+        let (mut kept, mut struck) = (0, 0);
+        for _ in 0..40 {
+            let arm = ArmId(rng.random_range(0..problem.workcell.arms.len()));
+            let (held, exemption) = (random_held(&problem, &mut rng), random_exemption(&problem, &mut rng));
+            let (it, scene) = (&problem.workcell.arms[arm.0], random_scene(&problem, &mut rng));
+            let targets: Vec<_> =
+                (0..7).map(|_| it.tcp_pose(&random_config(&problem, arm, &mut rng))).collect();
+            // One after the other, from the same stream.
+            let mut stream = rng.clone();
+            let found = world.inverse_free(arm, (&targets, 4), held.as_ref(), &scene, exemption, &mut rng);
+            assert_eq!(found.len(), targets.len());
+            for (target, found) in targets.iter().zip(found) {
+                let mut all = Vec::new();
+                let mount = it.base.inverse() * target * it.tool.tcp.inverse();
+                it.model.inverse(&it.limits, &mount, 4, &mut stream, &mut all);
+                for q in &found {
+                    let reached = it.tcp_pose(q);
+                    assert!((reached.translation.vector - target.translation.vector).norm() < 1e-9);
+                    assert!(reached.rotation.angle_to(&target.rotation) < 1e-7);
+                    assert!(
+                        it.limits.iter().zip(q).all(|(limit, q)| (limit.lower..=limit.upper).contains(q))
+                    );
+                }
+                let count = all.len();
+                all.retain(|q| world.config_free(arm, q, held.as_ref(), &scene, exemption));
+                assert_eq!(found, all, "{name}");
+                (kept, struck) = (kept + all.len(), struck + count - all.len());
+            }
+        }
+        assert!(kept > 100 && struck > 100, "{name}: {kept} {struck}");
+    }
+}

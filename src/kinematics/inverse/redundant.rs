@@ -37,13 +37,15 @@ impl SphericalSeven {
         let per_psi = max.div_ceil(4);
         let start = rng.random::<f64>() * TAU;
         let first_elbow: usize = rng.random_range(0..2);
+        let middles = self.middles(limits);
         for draw in 0..BLIND_DRAWS + 4 * max {
             if out.len() >= max || (draw >= BLIND_DRAWS && out.is_empty()) {
                 break;
             }
             let elbow = (first_elbow + draw) % 2;
-            let angles = self.angles(&aim.elbows[elbow], start + draw as f64 * GOLDEN_ANGLE, &near);
+            let psi = start + draw as f64 * GOLDEN_ANGLE;
             let first: usize = rng.random_range(0..4);
+            let Some(angles) = self.angles_if(&aim.elbows[elbow], psi, &near, &middles) else { continue };
             let mut taken = 0;
             for index in 0..4 {
                 if taken == per_psi || out.len() >= max {

@@ -73,6 +73,13 @@ struct Swing {
     odd: Matrix3<f64>,
 }
 
+/// Between which cosines of their middle angles shoulder and wrist can be within the limits.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Middles {
+    shoulder: [f64; 2],
+    wrist: [f64; 2],
+}
+
 /// A stretch of psi over which one branch stays within the limits.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Window {
@@ -173,7 +180,10 @@ impl SphericalSeven {
     /// The branches of one elbow at `psi`, before limits; where angles are not determined
     /// (singular shoulder or wrist), joints 1 and 5 stay at `hold`.
     pub fn angles(&self, aim: &ElbowAim, psi: f64, hold: &[f64; 7]) -> ElbowAngles {
-        let (sine, cosine) = psi.sin_cos();
+        self.angles_at(aim, psi.sin_cos(), hold)
+    }
+
+    fn angles_at(&self, aim: &ElbowAim, (sine, cosine): (f64, f64), hold: &[f64; 7]) -> ElbowAngles {
         let shoulder = aim.shoulder.at(cosine, sine);
         let wrist = aim.wrist.at(cosine, sine);
         ElbowAngles {
@@ -181,6 +191,30 @@ impl SphericalSeven {
             shoulder: self.shoulder.angles(&shoulder, hold[0]),
             wrist: self.wrist.angles(&wrist, hold[4]),
         }
+    }
+
+    /// What `limits` allow of the middle angles.
+    pub fn middles(&self, limits: &[JointLimits]) -> Middles {
+        Middles {
+            shoulder: cosines(&limits[1], self.shoulder.shift),
+            wrist: cosines(&limits[5], self.wrist.shift),
+        }
+    }
+
+    /// [`Self::angles`]; `None` where the middle angles alone, which are cheap, rule out all four branches.
+    pub fn angles_if(
+        &self,
+        aim: &ElbowAim,
+        psi: f64,
+        hold: &[f64; 7],
+        middles: &Middles,
+    ) -> Option<ElbowAngles> {
+        let (sine, cosine) = psi.sin_cos();
+        let may_be = |swing: &Swing, [least, most]: [f64; 2]| {
+            (least..=most).contains(&swing.entry((2, 2), cosine, sine))
+        };
+        let possible = may_be(&aim.shoulder, middles.shoulder) && may_be(&aim.wrist, middles.wrist);
+        possible.then(|| self.angles_at(aim, (sine, cosine), hold))
     }
 
     /// All windows of psi, in (-pi, pi] and a turn on, within which some branch, or the one of `only`,
@@ -195,6 +229,7 @@ impl SphericalSeven {
         out: &mut SmallVec<[Window; 32]>,
     ) {
         out.clear();
+        let middles = self.middles(limits);
         let is_asked = |branch: Branch| only.is_none_or(|only| only == branch);
         for (elbow, of_elbow) in aim.elbows.iter().enumerate() {
             if only.is_some_and(|only| only.elbow != elbow) {
@@ -215,7 +250,8 @@ impl SphericalSeven {
                 if to - from < 1e-12 {
                     continue;
                 }
-                let angles = self.angles(of_elbow, (from + to) / 2.0, near);
+                let middle = (from + to) / 2.0;
+                let Some(angles) = self.angles_if(of_elbow, middle, near, &middles) else { continue };
                 for shoulder in Side::BOTH {
                     for wrist in Side::BOTH {
                         let branch = Branch { elbow, shoulder, wrist };
@@ -280,6 +316,11 @@ impl Swing {
         self.constant + self.even * cosine + self.odd * sine
     }
 
+    /// One entry of [`Self::at`].
+    fn entry(&self, index: (usize, usize), cosine: f64, sine: f64) -> f64 {
+        self.constant[index] + self.even[index] * cosine + self.odd[index] * sine
+    }
+
     /// Adds every psi at which one of the three angles is at a limit (and maybe some more).
     fn limit_crossings(&self, limits: &[JointLimits], shift: f64, cuts: &mut SmallVec<[f64; 32]>) {
         let bounded = |joint: usize| {
@@ -304,6 +345,20 @@ impl Swing {
             vanishing(combine(entry(2, 0), s, entry(2, 1), c), cuts);
         }
     }
+}
+
+/// The least and the greatest cosine (and a little more) of an angle that is `shift` (rad) beyond a joint's value
+/// within `limit`.
+fn cosines(limit: &JointLimits, shift: f64) -> [f64; 2] {
+    let (from, to) = (limit.lower + shift, limit.upper + shift);
+    if to - from >= TAU || (to - from).is_nan() {
+        return [-2.0, 2.0];
+    }
+    // Whether an odd or an even multiple of pi lies between.
+    let passes = |at: f64| (to - at).div_euclid(TAU) > (from - at).div_euclid(TAU);
+    let least = if passes(std::f64::consts::PI) { -1.0 } else { from.cos().min(to.cos()) };
+    let most = if passes(0.0) { 1.0 } else { from.cos().max(to.cos()) };
+    [least - 1e-8, most + 1e-8]
 }
 
 fn combine(a: [f64; 3], x: f64, b: [f64; 3], y: f64) -> [f64; 3] {
@@ -351,4 +406,28 @@ pub(super) fn common_point(axes: &[(Vec3, Vec3)]) -> Option<Vec3> {
     })?;
     let on_all = axes.iter().all(|(axis, point)| axis.cross(&(meeting - point)).norm() < MEETING_TOLERANCE);
     on_all.then_some(meeting)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn cosines_hold_those_of_all_angles_within() {
+        for from in -40..40 {
+            for width in 0..70 {
+                let (lower, upper) =
+                    (0.17 * f64::from(from), 0.17 * f64::from(from) + 0.1 * f64::from(width));
+                let limit = JointLimits { lower, upper, velocity: 1.0, acceleration: 1.0 };
+                let [least, most] = cosines(&limit, 0.3);
+                let found = (0..=400).map(|n| (lower + (upper - lower) * f64::from(n) / 400.0 + 0.3).cos());
+                let (low, high) = found.fold((2.0_f64, -2.0_f64), |(a, b), x| (a.min(x), b.max(x)));
+                assert!(least <= low && most >= high, "{lower} {upper}");
+                assert!(
+                    upper - lower >= TAU || (low - least < 1e-2 && most - high < 1e-2),
+                    "{lower} {upper}"
+                );
+            }
+        }
+    }
 }

@@ -26,6 +26,7 @@ pub struct OneArm {
     arm: Arm,
     resting: Resting,
     random: Vec<Config>,
+    targets: Vec<Pose>,
     along: Vec<Config>,
     edges: Vec<StraightMotion>,
     baseline: Baseline,
@@ -36,6 +37,8 @@ impl OneArm {
     pub const CONFIGURATIONS: usize = CONFIGURATIONS;
     /// And how many edges, of up to 0.3 rad in each joint.
     pub const EDGES: usize = CONFIGURATIONS / 8;
+    /// And how many poses of the TCP.
+    pub const TARGETS: usize = 32;
 
     /// Draws boxes, configurations and valid edges; `None` without the scenario.
     pub fn new(rng: &mut Rng) -> Option<Self> {
@@ -84,7 +87,8 @@ impl OneArm {
                 edges.push(motion);
             }
         }
-        Some(Self { world, arm, resting, random, along, edges, baseline })
+        let targets = random.iter().take(Self::TARGETS).map(|q| arm.tcp_pose(q)).collect();
+        Some(Self { world, arm, resting, random, targets, along, edges, baseline })
     }
 
     fn free(&self, configs: &[Config]) -> usize {
@@ -116,6 +120,13 @@ impl OneArm {
     /// The same by parry.
     pub fn along_by_parry(&self) -> usize {
         self.free_by_parry(&self.along)
+    }
+
+    /// Poses of the TCP in one batch: up to five configurations each, within limits and free; how many there are.
+    pub fn inverse(&self, rng: &mut Rng) -> usize {
+        let (targets, scene, none) = (black_box(&self.targets), Scene::default(), Exemption::default());
+        let found = self.world.inverse_free(ArmId(0), (targets, 5), None, &scene, none, rng);
+        found.iter().map(Vec::len).sum()
     }
 
     /// The valid edges, certified continuously.
