@@ -172,7 +172,7 @@ fn solve_timed(
 /// Neighbourhoods of repair before the relaxation has its first word on a horizon.
 const OPENING: usize = 6;
 /// States that the exhaustive search expands at each horizon before a longer one is tried.
-const FIRST_STATES: usize = 1000;
+const FIRST_STATES: usize = 150;
 /// Objects in a neighbourhood, on average.
 const USUAL_NEIGHBOURHOOD: usize = 4;
 /// Horizons that fail before it is suspected that there is no plan at all.
