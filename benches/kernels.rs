@@ -36,6 +36,7 @@ fn kernels(criterion: &mut Criterion) {
         measure(criterion, "one_arm/along edges", OneArm::CONFIGURATIONS, || arm.along());
         measure(criterion, "one_arm/along edges by parry", OneArm::CONFIGURATIONS, || arm.along_by_parry());
         measure(criterion, "one_arm/edge certified", OneArm::EDGES, || arm.certified());
+        measure(criterion, "one_arm/inverse, free", OneArm::TARGETS, || arm.inverse(&mut rng));
     }
     if let Some(arms) = ManyArms::new(&mut rng) {
         measure(criterion, "two_arms/edge certified", ManyArms::EDGES, || arms.pair());

@@ -247,7 +247,9 @@ impl Check<'_> {
 impl CollisionWorld {
     /// Where atoms of obstacles are too far for anything that the arm moves.
     pub(super) fn out_of_reach(mover: &Mover<'_>, atom: &WorldAtom, clearance: f64) -> bool {
-        let reach = mover.bodies.reach_with(mover.held.as_ref().map_or(0.0, |h| h.radius));
+        let reach = mover.bodies.reach_with(mover.held.as_ref().map_or(0.0, |held| {
+            held.in_mount.translation.vector.norm() + held.atoms.iter().map(Atom::reach).fold(0.0, f64::max)
+        }));
         let centre: &Vec3 = &mover.bodies.reach_centre;
         (atom.at.centre - centre).norm() > reach + atom.atom.radius + clearance
     }

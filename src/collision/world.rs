@@ -48,8 +48,6 @@ pub(super) struct HeldAtoms<'a> {
     pub(super) in_mount: Pose,
     pub(super) atoms: &'a [Atom],
     pub(super) levers: Levers,
-    /// Radius around the mount's origin that holds the object (m).
-    pub(super) radius: f64,
 }
 
 /// The workcell and the objects, compiled for collision checks. Immutable, shared by threads.
@@ -263,16 +261,30 @@ impl CollisionWorld {
         second: (ArmId, &dyn JointMotion, Option<&Held>, Exemption),
         span: (f64, f64),
     ) -> Option<f64> {
-        let a = self.mover(first.0, first.1, first.2, first.3);
-        let b = self.mover(second.0, second.1, second.2, second.3);
-        let reach =
-            |mover: &Mover<'_>| mover.bodies.reach_with(mover.held.as_ref().map_or(0.0, |h| h.radius));
-        let between = (a.bodies.reach_centre - b.bodies.reach_centre).norm();
-        if between > reach(&a) + reach(&b) + self.clearance {
+        if !self.may_meet((first.0, first.2), (second.0, second.2)) {
             return None;
         }
+        let a = self.mover(first.0, first.1, first.2, first.3);
+        let b = self.mover(second.0, second.1, second.2, second.3);
         let still = first.1.stands_still() && second.1.stands_still();
         self.contact(&a, &b, still, span)
+    }
+
+    /// Whether two arms, with what they hold, can come near each other at all.
+    pub fn may_meet(&self, first: (ArmId, Option<&Held>), second: (ArmId, Option<&Held>)) -> bool {
+        let ball = |(arm, held): (ArmId, Option<&Held>)| {
+            let bodies = &self.arms[arm.0];
+            (bodies.reach_centre, bodies.reach_with(held.map_or(0.0, |held| self.held_radius(arm, held))))
+        };
+        let ((centre, reach), (other_centre, other_reach)) = (ball(first), ball(second));
+        (centre - other_centre).norm() <= reach + other_reach + self.clearance
+    }
+
+    /// Radius (m) around the origin of the mount link that holds the object in the hand.
+    fn held_radius(&self, arm: ArmId, held: &Held) -> f64 {
+        let in_mount = self.workcell.arms[arm.0].tool.tcp * held.object_in_tcp;
+        let atoms = &self.objects[held.object.0];
+        in_mount.translation.vector.norm() + atoms.iter().map(Atom::reach).fold(0.0, f64::max)
     }
 
     /// The first pair of `arms` (by their place in the list) whose motions over `span` are not
@@ -378,10 +390,8 @@ impl CollisionWorld {
         let held = held.map(|held| {
             let in_mount = model.tool.tcp * held.object_in_tcp;
             let atoms = self.objects[held.object.0].as_slice();
-            let radius =
-                in_mount.translation.vector.norm() + atoms.iter().map(Atom::reach).fold(0.0, f64::max);
-            let levers = bodies.held_levers(radius);
-            Box::new(HeldAtoms { object: held.object, in_mount, atoms, levers, radius })
+            let levers = bodies.held_levers(self.held_radius(arm, held));
+            Box::new(HeldAtoms { object: held.object, in_mount, atoms, levers })
         });
         let lane_arm = &self.lane_arms[arm.0];
         let lane_held = held.as_ref().map(|held| Box::new(LaneHeld::new(lane_arm, held)));

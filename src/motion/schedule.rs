@@ -8,7 +8,7 @@ use std::cell::OnceCell;
 use std::collections::{BTreeMap, BTreeSet};
 use std::rc::Rc;
 
-use crate::collision::{CollisionWorld, Exemption, Taking};
+use crate::collision::{CollisionWorld, Exemption, Held, Taking};
 use crate::run::Control;
 use crate::trajectory::{Curve, CurveTable, MIN_SPACING_S};
 use crate::workcell::ArmId;
@@ -95,7 +95,8 @@ pub(super) fn schedule(
                     let passing = WAITS.iter().find_map(|wait| {
                         let mut next = delays.clone();
                         next[arm] += wait;
-                        search.is_apart(conflict, &next, true).then_some(next)
+                        let timings = search.timings(&next);
+                        search.is_apart(conflict, &timings, true).then_some(next)
                     });
                     if let Some(next) = passing
                         && seen.insert(next.clone())
@@ -120,18 +121,29 @@ fn find_conflict_but(
     motion: &StepMotion,
     certified: &BTreeSet<(usize, usize)>,
 ) -> Option<Conflict> {
-    let count = motion.arms.len();
     let tables = tables(motion);
-    (0..count)
-        .flat_map(|first| (first + 1..count).map(move |second| Conflict { first, second }))
-        .filter(|pair| !certified.contains(&(pair.first, pair.second)))
-        .find(|pair| {
+    let held: Vec<Option<&Held>> = motion.arms.iter().map(|arm| arm.held.as_ref()).collect();
+    pairs(world, &held).into_iter().filter(|pair| !certified.contains(&(pair.first, pair.second))).find(
+        |pair| {
             let timed = |arm: usize| {
                 let motion = &motion.arms[arm];
                 (arm, motion, tables[arm].get_or_init(|| CurveTable::new(&motion.curve)))
             };
             !pair_apart(world, timed(pair.first), timed(pair.second), motion.duration)
+        },
+    )
+}
+
+/// The pairs of arms that can come near each other at all, with what they hold.
+fn pairs(world: &CollisionWorld, held: &[Option<&Held>]) -> Vec<Conflict> {
+    let count = held.len();
+    (0..count)
+        .flat_map(|first| (first + 1..count).map(move |second| Conflict { first, second }))
+        .filter(|pair| {
+            let arm = |index: usize| (ArmId(index), held[index]);
+            world.may_meet(arm(pair.first), arm(pair.second))
         })
+        .collect()
 }
 
 /// The arms' curves for sampling, each laid out when it is first asked for.
@@ -194,6 +206,8 @@ struct Search<'a> {
     world: &'a CollisionWorld,
     task: &'a StepTask,
     legs: &'a [Legs],
+    /// Pairs that can come near each other.
+    pairs: Rc<[Conflict]>,
     /// Pairs already looked at; see [`PairTimes`].
     known: &'a mut BTreeMap<(usize, usize, [i64; 3]), bool>,
     /// By arm, the motion that was composed last, and for when.
@@ -210,7 +224,9 @@ impl<'a> Search<'a> {
         known: &'a mut PairTimes,
     ) -> Self {
         let composed = legs.iter().map(|_| None).collect();
-        Self { world, task, legs, known: &mut known.0, composed, apart: BTreeMap::new() }
+        let held: Vec<Option<&Held>> = task.arms.iter().map(|arm| arm.held.as_ref()).collect();
+        let pairs = pairs(world, &held).into();
+        Self { world, task, legs, pairs, known: &mut known.0, composed, apart: BTreeMap::new() }
     }
 }
 
@@ -261,10 +277,9 @@ impl Search<'_> {
     }
 
     fn first_conflict(&mut self, delays: &[u32]) -> Option<Conflict> {
-        let count = self.legs.len();
-        (0..count)
-            .flat_map(|first| (first + 1..count).map(move |second| Conflict { first, second }))
-            .find(|pair| !self.is_apart(*pair, delays, false))
+        let timings = self.timings(delays);
+        let pairs = Rc::clone(&self.pairs);
+        pairs.iter().copied().find(|&pair| !self.is_apart(pair, &timings, false))
     }
 
     /// The pairs that were certified apart as they move under `delays`.
@@ -293,8 +308,7 @@ impl Search<'_> {
     /// Whether a pair of arms is kept apart. This depends on nothing but how their times lie to each
     /// other: before the one starts and after the other ends both rest. One that is in `doubt` is looked
     /// at at a few instants first.
-    fn is_apart(&mut self, pair: Conflict, delays: &[u32], doubt: bool) -> bool {
-        let timings = self.timings(delays);
+    fn is_apart(&mut self, pair: Conflict, timings: &[Timing], doubt: bool) -> bool {
         let (a, b) = (timings[pair.first], timings[pair.second]);
         let nanoseconds = |seconds: f64| (seconds * 1e9).round() as i64;
         let pause = |timing: &Timing| timing.resume.map_or(-1, |resume| nanoseconds(resume - timing.start));
@@ -302,7 +316,7 @@ impl Search<'_> {
         if let Some(&known) = self.known.get(&key) {
             return known;
         }
-        let duration = whole_duration(&timings);
+        let duration = whole_duration(timings);
         let first = self.motion(pair.first, &a, duration);
         let second = self.motion(pair.second, &b, duration);
         let (first, second) = ((pair.first, &first.0, &first.1), (pair.second, &second.0, &second.1));
@@ -326,12 +340,7 @@ fn whole_duration(timings: &[Timing]) -> f64 {
 }
 
 /// An arm's curve from 0 to `duration`: wait, leg, wait, leg, wait.
-fn compose_arm(
-    timing: &Timing,
-    legs: &Legs,
-    duration: f64,
-    held: Option<crate::collision::Held>,
-) -> ArmMotion {
+fn compose_arm(timing: &Timing, legs: &Legs, duration: f64, held: Option<Held>) -> ArmMotion {
     let (first, second) = match (&legs.split, timing.resume) {
         (Some((before, after)), Some(resume)) => (before, Some((after, resume))),
         _ => (&legs.through, None),
