@@ -117,7 +117,10 @@ fn a_rerun_by_iterations_is_the_same_bytes() {
 }
 
 #[test]
+#[cfg(unix)]
 fn processes_share_a_folder_of_compiled_workcells() {
+    use std::os::unix::fs::MetadataExt as _;
+
     let folder = tempfile::tempdir().unwrap();
     let cells = folder.path().join("cells");
     let problem = scenario("switch/2x2");
@@ -137,9 +140,14 @@ fn processes_share_a_folder_of_compiled_workcells() {
     let [file] = &files()[..] else { panic!("{:?}", files()) };
     assert_eq!(file.extension().unwrap(), "workcell");
     let whole = fs::read(file).unwrap();
+    // What is read stays; what cannot be read is made anew, and put in its place as another file.
+    let inode = || fs::metadata(file).unwrap().ino();
+    let before = inode();
     assert_eq!(timeless(quadrille(&sharing)), expected);
+    assert_eq!(inode(), before, "it was not read");
     fs::write(file, &whole[..whole.len() / 2]).unwrap();
     assert_eq!(timeless(quadrille(&sharing)), expected);
+    assert_ne!(inode(), before, "it was not written anew");
     assert_eq!(fs::metadata(file).unwrap().len(), whole.len() as u64, "it was not written anew");
 }
 

@@ -209,9 +209,9 @@ mod tests {
     fn turns_about_coordinate_axes_are_turns() {
         let oblique = Unit::new_normalize(Vec3::new(0.3, -0.5, 0.8));
         let before = *Rotation3::from_axis_angle(&oblique, 0.7).matrix();
-        let axes =
-            [Vec3::x_axis(), Vec3::y_axis(), Vec3::z_axis(), -Vec3::x_axis(), -Vec3::z_axis(), oblique];
-        for axis in axes {
+        let slanted = Unit::new_normalize(Vec3::new(1.0, 1e-8, 0.0));
+        let axes = [Vec3::x_axis(), Vec3::y_axis(), Vec3::z_axis(), oblique, slanted];
+        for axis in axes.into_iter().flat_map(|axis| [axis, -axis]) {
             for angle in [-2.9, -0.4, 0.0, 1.1, 3.0] {
                 let mut turned = before;
                 turn(&mut turned, &axis, angle);
