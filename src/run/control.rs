@@ -96,8 +96,32 @@ impl Control {
         Self::new(Deadline::never(), CancelToken::new())
     }
 
+    /// The same run, of which a part has to end within `most` from now.
+    pub fn within(&self, most: Duration) -> Self {
+        let part = Instant::now().checked_add(most);
+        let at = [self.deadline.at, part].into_iter().flatten().min();
+        Self { deadline: Deadline { at, ..self.deadline }, ..self.clone() }
+    }
+
     /// Whether the run must stop now.
     pub fn should_stop(&self) -> bool {
         self.cancel.is_cancelled() || self.deadline.passed()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_part_ends_with_the_run_at_the_latest() {
+        let second = Duration::from_secs(1);
+        let run = Control::with_budget(10 * second);
+        assert!(run.within(second).deadline.remaining().unwrap() <= second);
+        assert!(run.within(60 * second).deadline.remaining().unwrap() <= 10 * second);
+        assert!(Control::unbounded().within(second).deadline.remaining().unwrap() <= second);
+        let part = run.within(second);
+        run.cancel.cancel();
+        assert!(part.should_stop() && !Control::unbounded().within(60 * second).should_stop());
     }
 }

@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
+use std::time::Duration;
 
 use rand::Rng as _;
 
@@ -23,6 +24,11 @@ use super::outline::Outline;
 use super::select::cost_so_far;
 use super::settings::Settings;
 use super::tree::{ArmState, Step, Vertex, Whereabouts};
+
+/// The share of the time left that a thorough look into the least number of steps may take, as one over this, and what it
+/// may take at least.
+const THOROUGH_SHARE: u32 = 10;
+const THOROUGH_LEAST: Duration = Duration::from_secs(2);
 
 /// Failures that count against a tau from which a step was done in part only.
 const DONE_IN_PART: u32 = 2;
@@ -292,9 +298,16 @@ impl<'a> Search<'a> {
         self.certificate.map_or(0, |certificate| certificate.lower_bound)
     }
 
+    /// A thorough answer from the start. It is bounded by its effort; and, where the run need not repeat bit for bit, by
+    /// a part of the time that is left, so that plans get shorter where the proof is out of reach.
     fn solve_thoroughly(&self, network: &Network, control: &Control) -> Option<Answer> {
         let start = &self.tree[0].mode;
-        let answer = solve(network, start, &Cuts::none(), &Effort::thorough(), self.seed, control);
+        let (left, repeats) = (control.deadline.remaining(), self.problem.options.max_iterations.is_some());
+        let control = match left {
+            Some(left) if !repeats => control.within((left / THOROUGH_SHARE).max(THOROUGH_LEAST)),
+            _ => control.clone(),
+        };
+        let answer = solve(network, start, &Cuts::none(), &Effort::thorough(), self.seed, &control);
         answer.ok().filter(|answer| answer.solution().is_some())
     }
 
