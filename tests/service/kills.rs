@@ -1,6 +1,7 @@
 //! `kill -9` at random moments under load: nothing that was accepted or published is lost.
 
 use std::collections::BTreeMap;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
@@ -10,7 +11,7 @@ use rand::Rng;
 use serde_json::Value;
 
 use crate::figures::Figures;
-use crate::process::{Process, soak};
+use crate::process::{PATIENCE, Process, soak};
 use crate::script::problem;
 
 /// What clients have been told so far.
@@ -42,17 +43,19 @@ impl Told {
     }
 }
 
-/// Submits jobs, and follows each from the start, until the service is gone.
-async fn use_service(url: String, told: Arc<Mutex<Told>>, name: String) {
+/// Submits jobs, and follows each from the start, until the service is `gone`.
+async fn use_service(url: String, told: Arc<Mutex<Told>>, gone: Arc<AtomicBool>, name: String) {
     let client = reqwest::Client::builder().no_proxy().build().unwrap();
     let body = problem(&name).to_string();
-    loop {
+    while !gone.load(Ordering::Relaxed) {
         let request = client.post(format!("{url}/v1/jobs")).header("content-type", "application/json");
-        let Ok(reply) = request.body(body.clone()).send().await else { return };
-        if reply.status() != 202 {
-            tokio::time::sleep(Duration::from_millis(5)).await;
-            continue;
-        }
+        let reply = match request.body(body.clone()).send().await {
+            Ok(reply) if reply.status() == 202 => reply,
+            _ => {
+                tokio::time::sleep(Duration::from_millis(5)).await;
+                continue;
+            }
+        };
         let job = reply.headers()["location"].to_str().unwrap().to_owned();
         told.lock().unwrap().jobs.push(job.clone());
         follow(&client, &url, &job, &told).await;
@@ -82,8 +85,10 @@ async fn nothing_that_was_told_is_lost() {
     for _ in 0..kills {
         let mut process = Process::start(folder.path());
         let before = told.lock().unwrap().events.len();
+        let gone = Arc::new(AtomicBool::new(false));
         let users: Vec<_> = ["steps 8 3", "steps 3 10", "improve 2", "nothing"]
-            .map(|name| tokio::spawn(use_service(process.url(""), Arc::clone(&told), name.to_owned())))
+            .map(|name| use_service(process.url(""), Arc::clone(&told), Arc::clone(&gone), name.to_owned()))
+            .map(tokio::spawn)
             .into();
         // One that takes up old jobs again.
         let old: Vec<String> = told.lock().unwrap().jobs.iter().rev().take(3).cloned().collect();
@@ -95,20 +100,25 @@ async fn nothing_that_was_told_is_lost() {
         // At a random moment, and after something was told, however busy the machine is; now and then
         // at once.
         let at_once = rng.random_bool(0.1);
+        let started = Instant::now();
         while !at_once && told.lock().unwrap().events.len() == before {
+            assert!(!process.has_ended(), "the service has ended by itself");
+            assert!(started.elapsed() < PATIENCE, "the service tells nothing");
             tokio::time::sleep(Duration::from_millis(1)).await;
         }
         tokio::time::sleep(Duration::from_millis(rng.random_range(0..200))).await;
         process.kill();
+        gone.store(true, Ordering::Relaxed);
         for user in users {
-            user.await.unwrap();
+            tokio::time::timeout(PATIENCE, user).await.expect("streams of a killed service end").unwrap();
         }
     }
     let process = Process::start(folder.path());
     let jobs = told.lock().unwrap().jobs.clone();
     let (mut lost_workers, mut incumbents) = (0, 0);
     for job in &jobs {
-        let events = process.durable(&client, job).await;
+        let events = tokio::time::timeout(PATIENCE, process.durable(&client, job)).await;
+        let events = events.unwrap_or_else(|_| panic!("{job} does not end"));
         let seqs: Vec<u64> = events.iter().filter_map(|event| event["seq"].as_u64()).collect();
         assert_eq!(seqs, (1..=seqs.len() as u64).collect::<Vec<_>>(), "{job}");
         let ends: Vec<&Value> = events.iter().filter(|event| event["type"] == "terminal").collect();

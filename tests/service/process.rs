@@ -18,8 +18,8 @@ use crate::script;
 
 /// Names the data directory to the child, and tells it that it is one.
 const FOLDER: &str = "QUADRILLE_TEST_DATA_DIR";
-/// How long a process may take to end before the test gives up, however busy the machine is.
-const PATIENCE: Duration = Duration::from_secs(600);
+/// How long anything may take before a test gives up, however busy the machine is.
+pub const PATIENCE: Duration = Duration::from_secs(600);
 
 /// Whether the long forms are asked for.
 pub fn soak() -> bool {
@@ -46,11 +46,11 @@ fn product() -> OsString {
 }
 
 impl Process {
-    /// Starts a service with the scripted planner, which keeps its jobs in `folder`.
+    /// Starts a service with the scripted planner, which keeps its jobs in `folder`. Should it fail, the test's own output says why.
     pub fn start(folder: &Path) -> Self {
         let mut command = Command::new(std::env::current_exe().unwrap());
         command.args(["--exact", "process::serves_when_asked_to", "--nocapture"]).env(FOLDER, folder);
-        Self::spawn(command)
+        Self::spawn_logging(command, Stdio::inherit())
     }
 
     /// Starts the product itself.

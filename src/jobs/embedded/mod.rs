@@ -9,6 +9,7 @@
 //! that has it open, so leases that an earlier process left behind are void.
 
 mod codec;
+mod file;
 mod loaned;
 mod tables;
 
@@ -18,7 +19,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 use redb::backends::InMemoryBackend;
-use redb::{Database, DatabaseError, ReadTransaction, ReadableDatabase, ReadableTable, WriteTransaction};
+use redb::{Database, ReadTransaction, ReadableDatabase, ReadableTable, WriteTransaction};
 
 use self::codec::{
     Kept, decode_event, decode_record, decode_request, encode_event, encode_record, encode_request,
@@ -30,8 +31,6 @@ use super::{
     Revision, StoreError, Timestamp,
 };
 
-/// Name of the file below the data directory.
-const FILE: &str = "quadrille.redb";
 /// Pages that redb keeps in memory (bytes).
 const CACHE: usize = 64 << 20;
 /// Most events of one job that are kept at hand, and most bytes of their plans.
@@ -139,13 +138,7 @@ impl EmbeddedStore {
     /// # Errors
     /// When the folder cannot be used, or another process has the store open.
     pub fn open(folder: &Path, retention: Retention) -> Result<Self, StoreError> {
-        std::fs::create_dir_all(folder).map_err(broken)?;
-        let path = folder.join(FILE);
-        let database =
-            Database::builder().set_cache_size(CACHE).create(&path).map_err(|error| match error {
-                DatabaseError::DatabaseAlreadyOpen => broken(format!("{FILE} is in use by another process")),
-                error => broken(format!("{FILE}: {error}")),
-            })?;
+        let database = file::open(folder, CACHE)?;
         Self::over(database, retention)
     }
 

@@ -168,6 +168,81 @@ fn the_file_remembers_and_leases_of_an_earlier_process_are_void() {
     assert_eq!(&*store.solution(running, Revision::Best).unwrap().unwrap().document, "xxxxx");
 }
 
+/// The first bytes of a store that redb takes for one.
+const MAGIC: &[u8] = b"redb";
+
+#[test]
+fn a_store_is_there_whole_or_not_at_all() {
+    use std::sync::atomic::{AtomicBool, Ordering};
+
+    for _ in 0..20 {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join(file::FILE);
+        let opened = AtomicBool::new(false);
+        let seen = std::thread::scope(|scope| {
+            let looking = scope.spawn(|| {
+                let mut seen = Vec::new();
+                // What a process that is killed at this instant would leave.
+                while !opened.load(Ordering::Relaxed) {
+                    seen.extend(std::fs::read(&path).ok().map(|bytes| bytes.get(..4).map(<[u8]>::to_vec)));
+                }
+                seen
+            });
+            let store = EmbeddedStore::open(folder.path(), Retention::default()).unwrap();
+            opened.store(true, Ordering::Relaxed);
+            drop(store);
+            looking.join().unwrap()
+        });
+        assert!(seen.iter().all(|first| first.as_deref() == Some(MAGIC)), "{seen:?}");
+        assert_eq!(std::fs::read(&path).unwrap()[..4], *MAGIC);
+    }
+}
+
+#[test]
+fn what_a_killed_process_did_not_finish_is_cleared_away() {
+    let folder = tempfile::tempdir().unwrap();
+    let (part, other) =
+        (folder.path().join("quadrille-x1.redb.new"), folder.path().join("quadrille-x1.redb"));
+    std::fs::write(&part, [0; 4096]).unwrap();
+    std::fs::write(&other, [0; 4096]).unwrap();
+    let open = || EmbeddedStore::open(folder.path(), Retention::default());
+    let job = created(&open().unwrap());
+    assert!(!part.exists() && other.exists());
+    std::fs::write(&part, [0; 4096]).unwrap();
+    assert_eq!(open().unwrap().list(&all(9)).unwrap()[0].id, job);
+    assert!(!part.exists() && other.exists());
+}
+
+#[test]
+fn of_processes_that_begin_at_the_same_time_one_gets_the_store() {
+    for _ in 0..10 {
+        let folder = tempfile::tempdir().unwrap();
+        let opened: Vec<Result<EmbeddedStore, StoreError>> = std::thread::scope(|scope| {
+            let open = || EmbeddedStore::open(folder.path(), Retention::default());
+            let threads: Vec<_> = (0..4).map(|_| scope.spawn(open)).collect();
+            threads.into_iter().map(|thread| thread.join().unwrap()).collect()
+        });
+        assert_eq!(opened.iter().filter(|store| store.is_ok()).count(), 1);
+        for why in opened.iter().filter_map(|store| store.as_ref().err()) {
+            assert!(why.to_string().contains("in use by another process"), "{why}");
+        }
+        let names: Vec<_> =
+            std::fs::read_dir(folder.path()).unwrap().map(|entry| entry.unwrap().file_name()).collect();
+        assert_eq!(names, [file::FILE]);
+    }
+}
+
+#[test]
+fn a_file_that_is_no_store_is_left_alone_and_the_error_says_what_to_do() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join(file::FILE);
+    let foreign = vec![7; 8192];
+    std::fs::write(&path, &foreign).unwrap();
+    let Err(why) = EmbeddedStore::open(folder.path(), Retention::default()) else { panic!("it opened") };
+    assert!(why.to_string().contains("put the file elsewhere"), "{why}");
+    assert_eq!(std::fs::read(&path).unwrap(), foreign);
+}
+
 #[test]
 fn an_idempotency_key_belongs_to_one_job_for_as_long_as_that_is_kept() {
     let store = memory();
