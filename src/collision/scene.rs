@@ -24,7 +24,7 @@ pub struct Exemption {
 }
 
 /// The objects at rest.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone, Default, PartialEq)]
 pub struct Scene {
     /// Each object at rest and its frame in the world.
     pub resting: Vec<(ObjectId, Pose)>,

@@ -14,6 +14,7 @@ mod beat;
 mod bounds;
 mod check;
 mod cuts;
+mod earliest;
 mod exhaustive;
 mod from_mode_graph;
 pub mod generate;
@@ -39,6 +40,7 @@ mod timetable;
 pub use baselines::{Greedy, Sequential};
 pub use check::{Violation, check};
 pub use cuts::{Cut, CutKind, Cuts};
+pub use earliest::earliest;
 pub use from_mode_graph::instance_of;
 pub use guide::{Advice, ArmAction, Guidance, Guide, Smart};
 pub use instance::{

@@ -33,6 +33,8 @@ pub struct StepPlanner<'a> {
     world: &'a CollisionWorld,
     roadmaps: Vec<Roadmap>,
     rng: Rng,
+    /// The step that failed last where its arms found ways, but not past each other.
+    failed: Option<(StepTask, Begun)>,
 }
 
 /// How an arm without an action behaves in one round.
@@ -55,6 +57,28 @@ pub enum StepFailure {
     Conflict(ArmId, ArmId),
     /// There was no leave to go on.
     Stopped,
+}
+
+impl StepFailure {
+    /// The arms that it is about.
+    pub fn arms(&self) -> Vec<ArmId> {
+        match *self {
+            Self::Stuck(arm) => vec![arm],
+            Self::Conflict(one, other) => vec![one, other],
+            Self::Stopped => Vec::new(),
+        }
+    }
+}
+
+/// What the first round of a step begins with.
+#[derive(Debug)]
+struct Begun {
+    idle: Vec<Idle>,
+    /// The ways of all arms, or none.
+    legs: Vec<Legs>,
+    /// Those whose ways are planned in the round; what the others do stays as it was.
+    fresh: Vec<usize>,
+    known: PairTimes,
 }
 
 /// What one round tries.
@@ -103,7 +127,7 @@ pub fn first_roadmaps(
 impl<'a> StepPlanner<'a> {
     /// A planner that starts from `roadmaps`, one for every arm: see [`first_roadmaps`].
     pub fn new(problem: &'a Problem, world: &'a CollisionWorld, roadmaps: Vec<Roadmap>, seed: Seed) -> Self {
-        Self { problem, world, roadmaps, rng: seed.stream("motion") }
+        Self { problem, world, roadmaps, rng: seed.stream("motion"), failed: None }
     }
 
     /// The roadmaps, by arm.
@@ -129,23 +153,59 @@ impl<'a> StepPlanner<'a> {
         thorough: bool,
         control: &Control,
     ) -> Result<StepMotion, StepFailure> {
+        self.failed = None;
+        let count = task.arms.len();
+        let begun = Begun {
+            idle: vec![Idle::Ahead; count],
+            legs: Vec::with_capacity(count),
+            fresh: (0..count).collect(),
+            known: PairTimes::default(),
+        };
+        self.plan_from(task, begun, thorough, control)
+    }
+
+    /// [`Self::plan`], where arms that had the same to do in the step that failed last keep their ways.
+    ///
+    /// # Errors
+    /// The same.
+    pub fn plan_less(&mut self, task: &StepTask, control: &Control) -> Result<StepMotion, StepFailure> {
+        if let Some((a, b)) = self.ends_that_meet(task) {
+            return Err(StepFailure::Conflict(ArmId(a), ArmId(b)));
+        }
+        let Some((before, mut begun)) = self.failed.take().filter(|(before, _)| before.scene == task.scene)
+        else {
+            return self.plan(task, false, control);
+        };
+        let pairs = before.arms.iter().zip(&task.arms).enumerate();
+        begun.fresh = pairs.filter(|(_, (old, new))| old != new).map(|(arm, _)| arm).collect();
+        for &arm in &begun.fresh {
+            begun.idle[arm] = Idle::Ahead;
+        }
+        self.plan_from(task, begun, false, control)
+    }
+
+    fn plan_from(
+        &mut self,
+        task: &StepTask,
+        begun: Begun,
+        thorough: bool,
+        control: &Control,
+    ) -> Result<StepMotion, StepFailure> {
         let count = task.arms.len();
         if let Some((a, b)) = self.ends_that_meet(task) {
             return Err(StepFailure::Conflict(ArmId(a), ArmId(b)));
         }
-        let mut round = Round { idle: vec![Idle::Ahead; count], avoid: vec![Vec::new(); count] };
+        let Begun { idle, mut legs, mut fresh, mut known } = begun;
+        let mut round = Round { idle, avoid: vec![Vec::new(); count] };
         let mut disputes = std::collections::BTreeMap::<(usize, usize), usize>::new();
         let mut failure = None;
-        let mut legs: Vec<Legs> = Vec::with_capacity(count);
-        let mut known = PairTimes::default();
-        // Those whose ways are planned in the round; what the others do stays as it was.
-        let mut fresh: Vec<usize> = (0..count).collect();
         for _ in 0..if thorough { ROUNDS } else { FIRST_ROUNDS } {
             if control.should_stop() {
                 return Err(StepFailure::Stopped);
             }
             if let Err(stuck) = self.renew_legs(task, &mut round, &fresh, &mut legs, control) {
                 failure.get_or_insert(StepFailure::Stuck(ArmId(stuck)));
+                legs.clear();
                 break;
             }
             known.forget(&fresh);
@@ -171,6 +231,9 @@ impl<'a> StepPlanner<'a> {
         }
         if thorough && let Ok(motion) = self.plan_as_one_robot(task, control) {
             return Ok(motion);
+        }
+        if legs.len() == count {
+            self.failed = Some((task.clone(), Begun { idle: round.idle, legs, fresh: Vec::new(), known }));
         }
         Err(failure.unwrap_or(StepFailure::Stopped))
     }

@@ -6,7 +6,7 @@ use crate::transition::Line;
 use crate::workcell::ArmId;
 
 /// The straight line by which an arm leaves its last action.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct Departure {
     /// The line, from the contact outwards.
     pub line: Line,
@@ -15,7 +15,7 @@ pub struct Departure {
 }
 
 /// Where an arm shall be at the end of the step.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, PartialEq)]
 pub enum ArmGoal {
     /// At rest at a contact, when the step's actions happen.
     Contact {
@@ -36,7 +36,7 @@ pub enum ArmGoal {
 }
 
 /// One arm's part of a step.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct ArmTask {
     /// Where it starts, at rest.
     pub start: Config,
@@ -53,7 +53,7 @@ pub struct ArmTask {
 }
 
 /// A step: one task per arm, and the objects at rest throughout.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct StepTask {
     /// By arm.
     pub arms: Vec<ArmTask>,

@@ -200,7 +200,7 @@ impl ChainPlanner<'_, '_> {
         if known.iter().any(|contact| self.contacts.is_clear(query, contact, &scene)) {
             return Vec::new();
         }
-        let alone = |neighbour: &Neighbour, all: bool| {
+        let mut alone = |neighbour: &Neighbour, all: bool| {
             let scene = scene_of(std::slice::from_ref(neighbour));
             let mut blocked = known.iter().map(|contact| !self.contacts.is_clear(query, contact, &scene));
             if all { blocked.all(|b| b) } else { blocked.any(|b| b) }

@@ -83,11 +83,18 @@ impl<'a> Grounder<'a> {
         outline
     }
 
-    /// Plans chains of the immediate actions again, one in two.
-    pub(super) fn renew(&mut self, vertex: &Vertex, guide: &Guide, outline: &mut Outline) {
+    /// Plans chains of the immediate actions again: those of the arms `blamed`, or else one in two of all.
+    pub(super) fn renew(&mut self, vertex: &Vertex, guide: &Guide, outline: &mut Outline, blamed: &[ArmId]) {
         let now: Vec<Config> = vertex.arms.iter().map(|arm| after_departure(arm).clone()).collect();
         for action in &guide.immediate {
-            if !self.rng.random_bool(0.5) {
+            let is_chosen = if blamed.is_empty() {
+                self.rng.random_bool(0.5)
+            } else {
+                [action.from, action.to]
+                    .iter()
+                    .any(|&n| self.map.arm(n).is_some_and(|arm| blamed.contains(&arm)))
+            };
+            if !is_chosen {
                 continue;
             }
             let mut of_object = outline.legs.iter().filter(|leg| leg.object == action.object);

@@ -47,7 +47,9 @@ impl Search<'_> {
         let open = |vertex: &Vertex| {
             !vertex.is_goal && best.is_none_or(|best| cost_so_far(vertex, objective) < best[0])
         };
-        let biased = self.rng.random_bool(self.settings.goal_bias);
+        let settings = &self.settings;
+        let bias = if self.is_crowded() { settings.crowded_bias } else { settings.goal_bias };
+        let biased = self.rng.random_bool(bias);
         let candidates: Vec<usize> = (0..self.tree.len()).filter(|&i| open(&self.tree[i])).collect();
         if !biased {
             return candidates.choose(&mut self.rng).copied().or(Some(0));
@@ -104,7 +106,7 @@ impl Search<'_> {
     fn prospect(&self, tau: usize) -> f64 {
         let vertex = &self.tree[tau];
         let remaining = vertex.remaining().map_or(1e6, |steps| steps as f64) + vertex.penalty;
-        let behind = if self.best.is_some() || self.has_few_objects() { 1.0 } else { 0.2 };
+        let behind = if self.is_crowded() { 0.2 } else { 1.0 };
         behind * vertex.depth as f64
             + 1.3 * remaining
             + 0.7 * f64::from(vertex.failures)
@@ -255,6 +257,11 @@ impl Search<'_> {
     /// Whether a new plan for all objects is quickly made.
     pub(super) fn has_few_objects(&self) -> bool {
         self.problem.objects.len() <= MOST_REPLANNED
+    }
+
+    /// Whether a first plan is sought for so many objects that much of what the guide says fails.
+    pub(super) fn is_crowded(&self) -> bool {
+        self.best.is_none() && !self.has_few_objects()
     }
 
     /// A guide that begins with another action than the tau's own, and is mostly hardly longer.

@@ -5,6 +5,9 @@
 pub struct Settings {
     /// Chance of selecting the tau that has made the most progress; below 1.
     pub goal_bias: f64,
+    /// The same while a first plan is sought for many objects: there are so many other taus that looking at them costs
+    /// more than it gains.
+    pub crowded_bias: f64,
     /// Chance of another sequence of actions than the guided one, once there is an incumbent: with
     /// another first action, or under a passing cut. Above 0.
     pub wander: f64,
@@ -42,6 +45,7 @@ impl Default for Settings {
     fn default() -> Self {
         Self {
             goal_bias: 0.85,
+            crowded_bias: 0.95,
             wander: 0.1,
             stuck_wander: 0.5,
             fresh_transitions: 0.15,

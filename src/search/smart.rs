@@ -331,7 +331,9 @@ impl<'a> Search<'a> {
         mut outline: Outline,
         control: &Control,
     ) -> Option<usize> {
-        let attempts = self.settings.groundings.min(2 + 2 * self.tree[tau].failures as usize);
+        // With many objects a second try mends what failed, and then the rest is done without it.
+        let more = if self.is_crowded() { 1 } else { 2 };
+        let attempts = self.settings.groundings.min(2 + more * self.tree[tau].failures as usize);
         let (part, (grounding, motion)) = match self.step_from(tau, guide, &mut outline, attempts, control) {
             Ok(moved) => (None, moved),
             Err(setback) => {

@@ -1,6 +1,6 @@
 //! One step: all of a guide's immediate actions at once, or as many of them as go together.
 
-use crate::guidance::{Guide, ModeState, Move, Solution, Violation, check};
+use crate::guidance::{Guide, ModeState, Move, Solution, Violation, check, earliest};
 use crate::motion::{StepFailure, StepMotion};
 use crate::problem::GuidanceKind;
 use crate::run::Control;
@@ -35,13 +35,16 @@ impl Search<'_> {
         control: &Control,
     ) -> Result<Moved, Setback> {
         let thorough = self.tree[tau].failures > 0;
+        // With many objects what failed is mended, and all else left as it was.
+        let is_crowded = self.is_crowded();
         let (mut failures, mut crowds) = (Vec::new(), Vec::new());
         for attempt in 0..attempts {
             if control.should_stop() {
                 return Err(Setback::Stopped);
             }
+            let blamed = failures.last().filter(|_| is_crowded).map_or_else(Vec::new, StepFailure::arms);
             if attempt > 0 || self.tree[tau].expansions > 1 {
-                self.grounder.renew(&self.tree[tau], guide, outline);
+                self.grounder.renew(&self.tree[tau], guide, outline, &blamed);
             }
             let grounding = match self.grounder.ground(&self.tree[tau], guide, outline) {
                 Ok(grounding) => grounding,
@@ -51,7 +54,11 @@ impl Search<'_> {
                 }
             };
             let last = attempt + 1 == attempts;
-            match self.planner.plan(&grounding.task, thorough && last, control) {
+            let motion = match blamed.is_empty() || thorough && last {
+                true => self.planner.plan(&grounding.task, thorough && last, control),
+                false => self.planner.plan_less(&grounding.task, control),
+            };
+            match motion {
                 Ok(motion) => return Ok((grounding, motion)),
                 Err(failure) => {
                     tracing::debug!(tau, ?failure, crowd = ?grounding.crowd, "no motion for the step");
@@ -97,7 +104,7 @@ impl Search<'_> {
             self.postpone(tau, &mut part, setback)?;
             latest = match self.grounder.ground(&self.tree[tau], &part, outline) {
                 Err(failure) => Setback::Grounding(failure),
-                Ok(grounding) => match self.planner.plan(&grounding.task, false, control) {
+                Ok(grounding) => match self.plan_less(&grounding, control) {
                     Ok(motion) => {
                         let (done, of) = (part.immediate.len(), guide.immediate.len());
                         tracing::debug!(tau, done, of, "the step is done in part");
@@ -111,9 +118,17 @@ impl Search<'_> {
         None
     }
 
+    /// The motion of a step that differs from the one before in few arms.
+    fn plan_less(&mut self, grounding: &Grounding, control: &Control) -> Result<StepMotion, StepFailure> {
+        match self.has_few_objects() {
+            true => self.planner.plan(&grounding.task, false, control),
+            false => self.planner.plan_less(&grounding.task, control),
+        }
+    }
+
     /// A plan from the state after `part` of the guide's first step was done, as something to begin with: what
-    /// was left comes with the second step, and the objects it is about are one step late from then on; or else
-    /// all that follows is.
+    /// was left comes with the second step, and the objects it is about are one step late from then on; or with
+    /// many objects, all that has to wait for them is; or else all that follows.
     pub(super) fn rest_after(&self, guide: &Guide, part: &Guide, after: &ModeState) -> Option<Solution> {
         let (first, rest) = guide.solution.steps.split_first()?;
         let left: Vec<Move> =
@@ -127,8 +142,9 @@ impl Search<'_> {
             delayed = behind;
         }
         woven.push(delayed);
-        let apart = std::iter::once(left.clone()).chain(rest.iter().cloned()).collect();
-        [woven, apart].into_iter().find_map(|mut steps: Vec<Vec<Move>>| {
+        let apart: Vec<Vec<Move>> = std::iter::once(left.clone()).chain(rest.iter().cloned()).collect();
+        let early = if self.has_few_objects() { Vec::new() } else { earliest(&self.network, &apart) };
+        [woven, early, apart].into_iter().filter(|steps| !steps.is_empty()).find_map(|mut steps| {
             steps.retain(|moves| !moves.is_empty());
             for moves in &mut steps {
                 moves.sort_unstable();

@@ -1,7 +1,7 @@
 //! The memory of contacts: what was asked once is not sampled again, and no more is sampled than
 //! was asked.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, HashMap};
 use std::sync::Arc;
 
 use crate::collision::{CollisionWorld, Exemption, Held, PathMotion, Scene};
@@ -17,6 +17,9 @@ use super::hands::Hands;
 
 /// Objects farther away (m) than this are in nobody's way while one is picked or placed.
 const NEIGHBOURHOOD: f64 = 0.6;
+
+/// Answers about contacts among others that are remembered.
+const MOST_LOOKED_AT: usize = 50_000;
 
 /// A pose's numbers to the bit.
 type Bits = [u64; 7];
@@ -44,6 +47,9 @@ pub struct Contacts<'a> {
     roomy: BTreeMap<(usize, usize, usize, Bits), Holds>,
     /// By arm, class and grasp, how often an estimate found a way by it: a guess where to look first.
     promising: BTreeMap<(usize, usize, usize), u32>,
+    /// Whether a contact is clear of others: by arm, surface, kind and class, configuration, pose, hold, and the others
+    /// with their poses.
+    clear: HashMap<Box<[u64]>, bool>,
     hands: Hands<'a>,
 }
 
@@ -76,6 +82,7 @@ impl<'a> Contacts<'a> {
             room: BTreeMap::new(),
             roomy: BTreeMap::new(),
             promising: BTreeMap::new(),
+            clear: HashMap::new(),
             hands,
         }
     }
@@ -208,8 +215,8 @@ impl<'a> Contacts<'a> {
     }
 
     /// Whether a contact and its lines are clear of the other objects at rest in `scene` (the
-    /// object itself may be among them).
-    pub fn is_clear(&self, query: &ContactQuery, contact: &Contact, scene: &Scene) -> bool {
+    /// object itself may be among them). Remembered.
+    pub fn is_clear(&mut self, query: &ContactQuery, contact: &Contact, scene: &Scene) -> bool {
         let near =
             |pose: &Pose| (pose.translation.vector - query.pose.translation.vector).norm() < NEIGHBOURHOOD;
         let others: Vec<(ObjectId, Pose)> =
@@ -217,6 +224,30 @@ impl<'a> Contacts<'a> {
         if others.is_empty() {
             return true;
         }
+        let (arm, surface) = (query.arm.0 as u64, query.surface.0 as u64);
+        let is_place = u64::from(query.kind == ContactKind::Place);
+        let class = self.problem.objects[query.object.0].class as u64;
+        let around = others.iter().flat_map(|(id, pose)| std::iter::once(id.0 as u64).chain(bits(pose)));
+        let asked: Box<[u64]> = [arm, surface, is_place, class]
+            .into_iter()
+            .chain(contact.q.iter().map(|angle| angle.to_bits()))
+            .chain(bits(&query.pose))
+            .chain(bits(&contact.object_in_tcp))
+            .chain(around)
+            .collect();
+        if let Some(&known) = self.clear.get(&asked) {
+            return known;
+        }
+        let is_clear = self.look_around(query, contact, others);
+        if self.clear.len() >= MOST_LOOKED_AT {
+            self.clear.clear();
+        }
+        self.clear.insert(asked, is_clear);
+        is_clear
+    }
+
+    /// [`Self::is_clear`] of `others`, asked for the first time.
+    fn look_around(&self, query: &ContactQuery, contact: &Contact, others: Vec<(ObjectId, Pose)>) -> bool {
         let surface = &self.problem.workcell.surfaces[query.surface.0];
         let touching = Exemption { hand_with: Some(query.object), held_with: surface.carrier };
         let held = Held { object: query.object, object_in_tcp: contact.object_in_tcp };

@@ -21,7 +21,7 @@ const GREATEST_TURN: f64 = 0.01;
 const GREATEST_JOINT_STEP: f64 = 0.35;
 
 /// A straight line of the TCP without turning, as joint waypoints that start at a contact.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct Line {
     /// Waypoints from the contact outwards; the first is the contact configuration.
     pub waypoints: Vec<Config>,
