@@ -144,7 +144,8 @@ impl Search<'_> {
 
     /// The guide to follow now, with the chains of its legs: that of the tau, or now and then another.
     /// What is found to be in its way is learnt, and the guidance asked again. `None` when there is
-    /// none, or when another tau has become more promising.
+    /// none, or when another tau has become more promising; with many objects that would hold for one tau after
+    /// the other, until all have been asked again.
     pub(super) fn advise(&mut self, tau: usize, control: &Control) -> Option<(Guide, Outline)> {
         if self.tree[tau].guide.is_none() || self.tree[tau].guided_at != self.version {
             self.guide(tau, control);
@@ -168,7 +169,8 @@ impl Search<'_> {
             self.guide(tau, control);
             let now = self.prospect(tau);
             let others = (0..self.tree.len()).filter(|&i| i != tau && !self.tree[i].is_goal);
-            if now > before && self.best.is_none() && others.into_iter().any(|i| self.prospect(i) < now) {
+            let gives_way = self.best.is_none() && self.has_few_objects();
+            if now > before && gives_way && others.into_iter().any(|i| self.prospect(i) < now) {
                 return None;
             }
             guide = self.tree[tau].guide.clone()?;

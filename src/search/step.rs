@@ -10,6 +10,9 @@ use super::ground::{Grounding, GroundingFailure};
 use super::outline::Outline;
 use super::smart::Search;
 
+/// Failures of a tau, with many objects, before all means are used on its step.
+const FAILURES_BORNE: u32 = 3;
+
 /// A step that was grounded, and its motion.
 type Moved = (Grounding, StepMotion);
 
@@ -34,9 +37,10 @@ impl Search<'_> {
         attempts: usize,
         control: &Control,
     ) -> Result<Moved, Setback> {
-        let thorough = self.tree[tau].failures > 0;
-        // With many objects what failed is mended, and all else left as it was.
+        // With many objects what failed is mended, and all else left as it was; to look at all arms as one robot is
+        // dearer than to do the rest without those that failed.
         let is_crowded = self.is_crowded();
+        let thorough = self.tree[tau].failures > if is_crowded { FAILURES_BORNE } else { 0 };
         let (mut failures, mut crowds) = (Vec::new(), Vec::new());
         for attempt in 0..attempts {
             if control.should_stop() {
