@@ -13,6 +13,7 @@ use crate::scenario::{Family, generate};
 use crate::search::{Map, NotResumed, Report, Search, Settings};
 use crate::transition::SampledReach;
 use crate::verify::verify;
+use crate::wire::plan::read_plan;
 use crate::wire::{LibraryOnly, ReadLimits, read_problem_value};
 
 pub(super) fn random_2x2(seed: u64) -> Problem {
@@ -50,6 +51,26 @@ fn plans_are_the_same_with_a_cold_and_a_warm_cache() {
     assert_eq!(plans(&cache, &first), cold);
     assert_eq!(plans(&cache, &first), cold);
     assert_eq!(cache.len(), 1);
+}
+
+/// So many objects that much of what the guidance says is done in part, and the rest of a step as it was.
+#[test]
+fn plans_for_many_objects_are_valid_and_come_again() {
+    for seed in [1, 3] {
+        let document = generate(Family::Random, 4, 18, seed).unwrap();
+        let mut problem =
+            read_problem_value(&document, &LibraryOnly, &ReadLimits::default()).unwrap().problem;
+        problem.options.max_iterations = Some(45);
+        problem.options.time_budget_s = 600.0;
+        let cache = PlannerCache::default();
+        let found = plans(&cache, &problem);
+        assert!(!found.is_empty(), "forty-five iterations solve it");
+        for plan in &found {
+            let plan = read_plan(plan.as_bytes(), &problem).unwrap();
+            assert!(verify(&problem, &plan).valid);
+        }
+        assert_eq!(plans(&cache, &problem), found);
+    }
 }
 
 #[test]

@@ -1,7 +1,7 @@
 //! The memory of contacts: what was asked once is not sampled again, and no more is sampled than
 //! was asked.
 
-use std::collections::{BTreeMap, HashMap};
+use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use crate::collision::{CollisionWorld, Exemption, Held, PathMotion, Scene};
@@ -49,7 +49,7 @@ pub struct Contacts<'a> {
     promising: BTreeMap<(usize, usize, usize), u32>,
     /// Whether a contact is clear of others: by arm, surface, kind and class, configuration, pose, hold, and the others
     /// with their poses.
-    clear: HashMap<Box<[u64]>, bool>,
+    clear: BTreeMap<Box<[u64]>, bool>,
     hands: Hands<'a>,
 }
 
@@ -82,7 +82,7 @@ impl<'a> Contacts<'a> {
             room: BTreeMap::new(),
             roomy: BTreeMap::new(),
             promising: BTreeMap::new(),
-            clear: HashMap::new(),
+            clear: BTreeMap::new(),
             hands,
         }
     }

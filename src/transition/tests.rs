@@ -1,5 +1,7 @@
 //! Contacts against what they promise.
 
+use rand::Rng as _;
+
 use super::{ContactKind, ContactQuery, Contacts};
 use crate::collision::{CollisionWorld, Exemption, Held, Scene};
 use crate::problem::{InitialPlacement, Problem};
@@ -128,4 +130,41 @@ fn a_place_is_a_pick_backwards() {
     // With lines of different lengths neither mirrors the other.
     problem.objects.iter_mut().for_each(|object| object.retreat = 0.05);
     straight(&problem);
+}
+
+/// What is remembered of contacts among other objects is what fresh eyes see, in whatever order it was asked.
+#[test]
+fn clear_contacts_are_remembered_as_they_are() {
+    let problem = problem(6);
+    let world = CollisionWorld::new(&problem);
+    let fresh = || Contacts::new(&problem, &world, Seed(1).stream("contacts"));
+    let mut remembering = fresh();
+    let mut rng = Seed(1).stream("scenes");
+    let (mut clear, mut blocked) = (0, 0);
+    for _ in 0..3 {
+        for query in queries(&problem) {
+            for (_, hold) in remembering.holds(&query) {
+                let Some(contact) = remembering.nth(&query, &hold, 0) else { continue };
+                let beside = |rng: &mut crate::run::Rng| {
+                    let turn = crate::geometry::Vec3::z() * rng.random_range(-3.0..3.0);
+                    let mut pose = query.pose;
+                    pose.translation.vector.x += rng.random_range(-0.2..0.2);
+                    pose.translation.vector.y += rng.random_range(-0.2..0.2);
+                    pose.rotation = nalgebra::UnitQuaternion::from_scaled_axis(turn) * pose.rotation;
+                    pose
+                };
+                let others = (0..problem.objects.len()).map(ObjectId).filter(|other| *other != query.object);
+                let resting: Vec<_> = others.take(2).map(|other| (other, beside(&mut rng))).collect();
+                let one = Scene { resting: resting[..1].to_vec() };
+                for scene in [one, Scene { resting }, Scene::default()] {
+                    let seen = fresh().is_clear(&query, &contact, &scene);
+                    for _ in 0..2 {
+                        assert_eq!(remembering.is_clear(&query, &contact, &scene), seen);
+                    }
+                    *(if seen { &mut clear } else { &mut blocked }) += 1;
+                }
+            }
+        }
+    }
+    assert!(clear > 100 && blocked > 100, "{clear} {blocked}");
 }
