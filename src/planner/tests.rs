@@ -61,7 +61,7 @@ fn plans_for_many_objects_are_valid_and_come_again() {
         let mut problem =
             read_problem_value(&document, &LibraryOnly, &ReadLimits::default()).unwrap().problem;
         problem.options.max_iterations = Some(200);
-        problem.options.first_solution = true;
+        problem.options.stop.first_solution = true;
         problem.options.time_budget_s = 600.0;
         let cache = PlannerCache::default();
         let found = plans(&cache, &problem);
