@@ -86,15 +86,14 @@ impl<'a> Grounder<'a> {
     /// Plans chains of the immediate actions again: those of the arms `blamed`, or else one in two of all.
     pub(super) fn renew(&mut self, vertex: &Vertex, guide: &Guide, outline: &mut Outline, blamed: &[ArmId]) {
         let now: Vec<Config> = vertex.arms.iter().map(|arm| after_departure(arm).clone()).collect();
+        let map = self.map;
+        let is_blamed = |action: &Move| {
+            let arms = [action.from, action.to].map(|node| map.arm(node));
+            arms.iter().flatten().any(|arm| blamed.contains(arm))
+        };
+        let some_are_blamed = guide.immediate.iter().any(is_blamed);
         for action in &guide.immediate {
-            let is_chosen = if blamed.is_empty() {
-                self.rng.random_bool(0.5)
-            } else {
-                [action.from, action.to]
-                    .iter()
-                    .any(|&n| self.map.arm(n).is_some_and(|arm| blamed.contains(&arm)))
-            };
-            if !is_chosen {
+            if !(if some_are_blamed { is_blamed(action) } else { self.rng.random_bool(0.5) }) {
                 continue;
             }
             let mut of_object = outline.legs.iter().filter(|leg| leg.object == action.object);

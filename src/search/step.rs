@@ -37,10 +37,12 @@ impl Search<'_> {
         attempts: usize,
         control: &Control,
     ) -> Result<Moved, Setback> {
-        // With many objects what failed is mended, and all else left as it was; to look at all arms as one robot is
-        // dearer than to do the rest without those that failed.
+        // With many objects what failed is mended, and the ways of the others are kept where they still have the same
+        // to do. To look at all arms as one robot is dearer than to do the rest without those that failed.
         let is_crowded = self.is_crowded();
-        let thorough = self.tree[tau].failures > if is_crowded { FAILURES_BORNE } else { 0 };
+        let is_smart = matches!(self.problem.options.guidance, GuidanceKind::Smart);
+        let borne = if is_crowded && is_smart && guide.immediate.len() > 1 { FAILURES_BORNE } else { 0 };
+        let thorough = self.tree[tau].failures > borne;
         let (mut failures, mut crowds) = (Vec::new(), Vec::new());
         for attempt in 0..attempts {
             if control.should_stop() {

@@ -19,7 +19,7 @@ use super::hands::Hands;
 const NEIGHBOURHOOD: f64 = 0.6;
 
 /// Answers about contacts among others that are remembered.
-const MOST_LOOKED_AT: usize = 50_000;
+const MOST_LOOKED_AT: usize = 20_000;
 
 /// A pose's numbers to the bit.
 type Bits = [u64; 7];

@@ -102,13 +102,13 @@ async fn nothing_that_was_told_is_lost() {
         let at_once = rng.random_bool(0.1);
         let started = Instant::now();
         while !at_once && told.lock().unwrap().events.len() == before {
-            assert!(!process.has_ended(), "the service has ended by itself");
+            assert!(!process.has_ended(), "the service has ended by itself: {}", process.last_words());
             assert!(started.elapsed() < PATIENCE, "the service tells nothing");
             tokio::time::sleep(Duration::from_millis(1)).await;
         }
         tokio::time::sleep(Duration::from_millis(rng.random_range(0..200))).await;
-        process.kill();
         gone.store(true, Ordering::Relaxed);
+        process.kill();
         for user in users {
             tokio::time::timeout(PATIENCE, user).await.expect("streams of a killed service end").unwrap();
         }
@@ -137,6 +137,9 @@ async fn nothing_that_was_told_is_lost() {
         );
         incumbents += plans.len();
         let mut told = told.lock().unwrap();
+        let last = seqs.len() as u64;
+        let lost = told.events.keys().find(|(of, seq)| of == job && *seq > last);
+        assert!(lost.is_none(), "{lost:?} is not there, {last} are");
         events.into_iter().for_each(|event| told.note(job, event));
     }
     let told = told.lock().unwrap();

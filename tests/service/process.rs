@@ -1,7 +1,7 @@
 //! A service in a process of its own, which can be killed: this very test binary, asked to serve.
 
 use std::ffi::OsString;
-use std::io::{BufRead, BufReader, Read};
+use std::io::{BufRead, BufReader, Read, Seek as _};
 use std::net::SocketAddr;
 use std::path::Path;
 use std::process::{Child, ChildStdout, Command, ExitStatus, Stdio};
@@ -32,6 +32,7 @@ pub struct Process {
     child: Child,
     /// Kept open: who writes into a closed pipe is ended by that.
     _output: BufReader<ChildStdout>,
+    words: Option<std::fs::File>,
 }
 
 impl Drop for Process {
@@ -46,11 +47,24 @@ fn product() -> OsString {
 }
 
 impl Process {
-    /// Starts a service with the scripted planner, which keeps its jobs in `folder`. Should it fail, the test's own output says why.
+    /// Starts a service with the scripted planner, which keeps its jobs in `folder`.
     pub fn start(folder: &Path) -> Self {
         let mut command = Command::new(std::env::current_exe().unwrap());
         command.args(["--exact", "process::serves_when_asked_to", "--nocapture"]).env(FOLDER, folder);
-        Self::spawn_logging(command, Stdio::inherit())
+        // No pipe of the test's own, which a process left alone would keep open.
+        let words = tempfile::tempfile().unwrap();
+        let mut process = Self::spawn_logging(command, words.try_clone().unwrap().into());
+        process.words = Some(words);
+        process
+    }
+
+    /// What it said on stderr, where that was kept.
+    pub fn last_words(&mut self) -> String {
+        let mut said = String::new();
+        if let Some(words) = &mut self.words {
+            words.rewind().and_then(|()| words.read_to_string(&mut said)).unwrap();
+        }
+        said
     }
 
     /// Starts the product itself.
@@ -89,7 +103,7 @@ impl Process {
         let address = output.by_ref().lines().map_while(Result::ok).find_map(|line| {
             line.split_once("listening on ").map(|(_, address)| address.trim().parse().unwrap())
         });
-        Self { address: address.expect("the service listens"), child, _output: output }
+        Self { address: address.expect("the service listens"), child, _output: output, words: None }
     }
 
     pub fn id(&self) -> u32 {

@@ -28,16 +28,15 @@ pub(super) fn open(folder: &Path, cache: usize) -> Result<Database, StoreError> 
     let database = match fs::exists(&path).map_err(broken)? {
         true => existing(&path, cache)?,
         false => match made(folder, cache)?.persist_noclobber(&path) {
-            Ok(database) => {
-                // The name is on the disk before anyone is told that something is kept under it.
-                File::open(folder).and_then(|folder| folder.sync_all()).map_err(broken)?;
-                database
-            }
-            // Another process was faster, and has it open.
-            Err(_) if fs::exists(&path).is_ok_and(|there| there) => existing(&path, cache)?,
-            Err(error) => return Err(broken(format!("{FILE}: {}", error.error))),
+            Ok(database) => database,
+            // Another process was faster, and has it open; or here a name cannot be given in one step.
+            Err(_) => existing(&path, cache)?,
         },
     };
+    // The name is on the disk before anyone is told that something is kept under it.
+    if let Err(error) = File::open(folder).and_then(|folder| folder.sync_all()) {
+        tracing::warn!(?folder, %error, "the folder's list of files could not be synced");
+    }
     remove_unfinished(folder);
     Ok(database)
 }
@@ -54,8 +53,13 @@ fn existing(path: &Path, cache: usize) -> Result<Database, StoreError> {
 
 /// A new store under a name of its own; gone when dropped.
 fn made(folder: &Path, cache: usize) -> Result<NamedTempFile<Database>, StoreError> {
-    let make =
-        |path: &Path| Database::builder().set_cache_size(cache).create(path).map_err(std::io::Error::other);
+    let make = |path: &Path| {
+        Database::builder().set_cache_size(cache).create(path).map_err(|error| {
+            // Begun, perhaps, and nobody else's.
+            let _ = fs::remove_file(path);
+            std::io::Error::other(error)
+        })
+    };
     let store = tempfile::Builder::new()
         .prefix(UNFINISHED.0)
         .suffix(UNFINISHED.1)

@@ -188,9 +188,9 @@ fn a_store_is_there_whole_or_not_at_all() {
                 }
                 seen
             });
-            let store = EmbeddedStore::open(folder.path(), Retention::default()).unwrap();
+            let store = EmbeddedStore::open(folder.path(), Retention::default());
             opened.store(true, Ordering::Relaxed);
-            drop(store);
+            drop(store.unwrap());
             looking.join().unwrap()
         });
         assert!(seen.iter().all(|first| first.as_deref() == Some(MAGIC)), "{seen:?}");
