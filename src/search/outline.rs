@@ -93,7 +93,8 @@ impl<'a> Grounder<'a> {
         };
         let some_are_blamed = guide.immediate.iter().any(is_blamed);
         for action in &guide.immediate {
-            if !(if some_are_blamed { is_blamed(action) } else { self.rng.random_bool(0.5) }) {
+            let is_chosen = if some_are_blamed { is_blamed(action) } else { self.rng.random_bool(0.5) };
+            if !is_chosen {
                 continue;
             }
             let mut of_object = outline.legs.iter().filter(|leg| leg.object == action.object);
