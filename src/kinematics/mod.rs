@@ -11,6 +11,7 @@ mod library;
 mod model;
 mod moving_frames;
 mod srdf;
+mod turns;
 mod urdf;
 mod xml;
 

@@ -237,7 +237,7 @@ fn shortest(
 }
 
 /// Shortens a free path: whole waypoints first, then random pieces.
-fn shortcut(
+pub(super) fn shortcut(
     around: &Surroundings<'_>,
     roadmap: &Roadmap,
     mut path: Vec<Config>,

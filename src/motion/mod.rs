@@ -10,6 +10,7 @@
 
 mod arm_path;
 mod composite;
+mod connect;
 mod legs;
 mod planner;
 mod roadmap;

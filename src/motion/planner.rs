@@ -8,8 +8,9 @@ use crate::problem::Problem;
 use crate::run::{Control, Rng, Seed};
 use crate::workcell::{ArmId, Workcell};
 
-use super::arm_path::{Avoid, find_path};
+use super::arm_path::{Avoid, Surroundings, find_path, shortcut};
 use super::composite;
+use super::connect::connect;
 use super::legs::{Legs, time_legs};
 use super::roadmap::Roadmap;
 use super::schedule::{Conflict, PairTimes, schedule};
@@ -341,6 +342,14 @@ impl<'a> StepPlanner<'a> {
             if found.is_none() && arm.acts() && avoid.is_empty() && !control.should_stop() {
                 roadmap.grow(self.world, model, GROWTH, control, &mut self.rng);
                 found = ask(roadmap, avoid, &mut self.rng);
+            }
+            if found.is_none() && arm.acts() && avoid.is_empty() {
+                let around = Surroundings { world: self.world, arm: id, held, resting, avoid };
+                found = connect(&around, roadmap, model, (from, to), control, &mut self.rng).map(|path| {
+                    let path = shortcut(&around, roadmap, path, &mut self.rng);
+                    roadmap.learn(&path);
+                    path
+                });
             }
             if found.is_none() && !avoid.is_empty() {
                 found = ask(roadmap, &[], &mut self.rng);

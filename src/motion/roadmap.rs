@@ -4,6 +4,7 @@
 mod memo;
 mod stored;
 
+use std::f64::consts::{PI, TAU};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU8, Ordering};
 
@@ -11,7 +12,7 @@ use rand::Rng as _;
 use smallvec::SmallVec;
 
 use crate::collision::{CollisionWorld, Exemption, Scene, StraightMotion};
-use crate::kinematics::Config;
+use crate::kinematics::{Config, JointLimits};
 use crate::run::{Control, Rng};
 use crate::workcell::{Arm, ArmId};
 
@@ -20,6 +21,9 @@ pub(super) use memo::{KnownEdges, Situation};
 
 /// Configurations that are drawn and checked at a time.
 const BATCH: usize = 8;
+
+/// Share of the vertices that may lie farther than half a turn from home, where joints can turn so far.
+const WINDING: f64 = 0.1;
 
 /// Vertices that lie side by side in [`Roadmap::paced`].
 const PACED: usize = 8;
@@ -216,6 +220,12 @@ impl Roadmap {
         }
     }
 
+    /// Adds what lies between the ends of a free path, for later searches.
+    pub(super) fn learn(&mut self, path: &[Config]) {
+        let inner = path.get(1..path.len().saturating_sub(1)).unwrap_or_default();
+        inner.iter().for_each(|q| self.insert(q.clone()));
+    }
+
     fn insert(&mut self, q: Config) {
         let near = self.nearest_with_distance(&q, self.degree());
         let vertex = self.vertices.len();
@@ -279,14 +289,21 @@ impl Roadmap {
     }
 }
 
-/// A configuration, uniform within the limits or around `home`.
-fn draw(arm: &Arm, rng: &mut Rng) -> Config {
+/// A configuration, uniform within the limits or around `home`; of joints that can turn farther than once, mostly
+/// within the turn around `home`, where contacts are.
+pub(super) fn draw(arm: &Arm, rng: &mut Rng) -> Config {
     let around_home = rng.random_bool(0.5);
+    let can_wind = |joint: usize| {
+        let limit = &arm.limits[joint];
+        limit.upper - limit.lower > TAU && arm.model.is_periodic(joint)
+    };
+    let winds = (0..arm.limits.len()).any(can_wind) && rng.random_bool(WINDING);
     arm.limits
         .iter()
         .zip(&arm.home)
-        .map(|(limit, home)| {
-            let (lower, upper) = bounded(limit.lower, limit.upper, *home);
+        .enumerate()
+        .map(|(joint, (limit, home))| {
+            let (lower, upper) = bounded(limit, *home, !winds && can_wind(joint));
             if around_home {
                 let half = (upper - lower) / 5.0;
                 (home + rng.random_range(-half..=half)).clamp(lower, upper)
@@ -297,9 +314,10 @@ fn draw(arm: &Arm, rng: &mut Rng) -> Config {
         .collect()
 }
 
-/// Limits to sample within: those of a continuous joint are a turn around home.
-fn bounded(lower: f64, upper: f64, home: f64) -> (f64, f64) {
-    let lower = if lower.is_finite() { lower } else { home - std::f64::consts::PI };
-    let upper = if upper.is_finite() { upper } else { home + std::f64::consts::PI };
+/// Limits to sample within: those of a joint that is continuous, or is to stay `near` home, are a turn around home.
+fn bounded(limit: &JointLimits, home: f64, near: bool) -> (f64, f64) {
+    let (lower, upper) = (limit.lower, limit.upper);
+    let lower = if near || lower.is_infinite() { lower.max(home - PI) } else { lower };
+    let upper = if near || upper.is_infinite() { upper.min(home + PI) } else { upper };
     (lower, upper)
 }

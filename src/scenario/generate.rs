@@ -224,8 +224,10 @@ fn workcell(layout: &Layout, robots: &[RobotKind]) -> Value {
         }));
         contacts.extend(robot.on_the_pedestal().iter().map(|link| json!([pedestal, format!("{id}/{link}")])));
         models.insert(robot.name().to_owned(), json!({ "urdf": format!("library:{}", robot.name()) }));
+        // In a grid arms lean along the tables, in a ring along the circle.
+        let across = if layout.is_ring() { 0.0 } else { place.yaw.to_degrees() };
         let home: Map<String, Value> = robot
-            .home_deg(place.yaw.to_degrees())
+            .home_deg(across)
             .iter()
             .enumerate()
             .map(|(joint, degrees)| (format!("joint_{}", joint + 1), json!(tidy(degrees.to_radians()))))
@@ -297,6 +299,21 @@ mod tests {
                 assert_eq!(read.problem.objects.len(), objects);
                 assert!(read.problem.objects.iter().all(|o| o.grasps.len() == 48 && o.class == 0));
                 assert_eq!(read.problem.options.seed, seed);
+            }
+        }
+    }
+
+    #[test]
+    fn cells_of_every_kind_of_arm_are_valid() {
+        use RobotKind::{Iiwa14, PandaType, UrType};
+        let mixes: [&[RobotKind]; 4] =
+            [&[UrType], &[PandaType], &[Iiwa14, UrType], &[UrType, PandaType, Iiwa14]];
+        for robots in mixes {
+            for (family, arms) in
+                (3..=16).map(|n| (Family::Ring, n)).chain((2..=16).map(|n| (Family::Random, n)))
+            {
+                let value = generate_with(family, arms, 2, 5, robots).unwrap();
+                assert_eq!(read(&value).problem.workcell.arms.len(), arms);
             }
         }
     }

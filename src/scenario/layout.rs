@@ -148,6 +148,11 @@ impl Layout {
         })
     }
 
+    /// Whether every arm has a table of its own, all around.
+    pub fn is_ring(&self) -> bool {
+        self.depth == 0
+    }
+
     /// Whether objects go from one table to the other by one handoff.
     pub fn are_one_handoff_apart(&self, one: usize, other: usize) -> bool {
         let count = self.tables.len();

@@ -28,7 +28,8 @@ impl RobotKind {
         }
     }
 
-    /// Home in generated cells (deg), joint after joint, of an arm whose base is turned by `yaw` (deg).
+    /// Home in generated cells (deg), joint after joint, of an arm whose base is turned by `yaw` (deg) against the way
+    /// from table to table.
     pub(super) fn home_deg(self, yaw: f64) -> Vec<f64> {
         match self {
             Self::Iiwa14 => vec![0.0, -20.0, 0.0, -110.0, 0.0, 60.0, 0.0],

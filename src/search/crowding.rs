@@ -72,7 +72,7 @@ impl Search<'_> {
     /// all objects at once and they are few. The way is kept for the next iteration.
     pub fn crowding(&mut self, control: &Control) -> Option<[CarryEnd; 2]> {
         let is_smart = matches!(self.problem.options.guidance, GuidanceKind::Smart);
-        if !is_smart || !self.has_few_objects() || self.tree[0].is_goal {
+        if !is_smart || !self.asks_freely() || self.tree[0].is_goal {
             return None;
         }
         let (guide, outline) = self.advise(0, control)?;

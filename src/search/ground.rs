@@ -83,6 +83,8 @@ pub(super) struct Grounder<'a> {
     pub(super) handoff_tries: usize,
     pub(super) fresh: f64,
     pub(super) control: Control,
+    /// Whether arms without an action stay where they are: they neither position themselves ahead nor go home.
+    pub(super) stays_put: bool,
     /// How often no grasps fitted together for an object along a sequence of arms to a node, and how often
     /// something was in the way of the leg that was to follow.
     pub(super) barren: BTreeMap<(usize, Vec<ArmId>, NodeId), u32>,
@@ -110,6 +112,7 @@ impl<'a> Grounder<'a> {
             handoff_tries: settings.handoff_tries,
             fresh: settings.fresh_transitions,
             control: control.clone(),
+            stays_put: false,
             barren: BTreeMap::new(),
             hindered: BTreeMap::new(),
         }
@@ -137,7 +140,7 @@ impl<'a> Grounder<'a> {
         }
         for action in &guide.heuristic {
             let Some(arm) = self.map.arm(action.arm) else { continue };
-            if goals[arm.0].is_none() && action.step > 1 {
+            if goals[arm.0].is_none() && action.step > 1 && !self.stays_put {
                 let ahead = self.ahead(vertex, outline, arm, action, &now);
                 goals[arm.0] = ahead.map(ArmGoal::Toward);
             }
@@ -216,6 +219,7 @@ impl<'a> Grounder<'a> {
     fn at_leisure(&self, arm: usize) -> ArmGoal {
         match self.problem.options.objective {
             crate::problem::Objective::ArcLength => ArmGoal::Anywhere,
+            _ if self.stays_put => ArmGoal::Anywhere,
             _ => ArmGoal::Toward(self.problem.workcell.arms[arm].home.clone()),
         }
     }

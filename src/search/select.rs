@@ -31,6 +31,10 @@ const MOST_ASKED: usize = 4;
 /// Objects up to which a new plan for all that follows is asked for freely.
 const MOST_REPLANNED: usize = 16;
 
+/// Expansions before the first plan that may fail, or do a step in part only, before the search goes about it as with
+/// many objects.
+const SETBACKS_BORNE: u32 = 8;
+
 /// Steps that a plan may take rather than do what another object blocks, or rather than rely on
 /// grasps that were not found to fit together.
 const BLOCKED_PENALTY: u32 = 6;
@@ -163,13 +167,13 @@ impl Search<'_> {
                 tracing::debug!(tau, round, object = leg.object, ?why, "something is in the way");
             }
             self.learn(&outline.obstructions);
-            if round == if self.has_few_objects() { REVISIONS } else { FEW_REVISIONS } {
+            if round == if self.asks_freely() { REVISIONS } else { FEW_REVISIONS } {
                 return Some((guide, outline));
             }
             self.guide(tau, control);
             let now = self.prospect(tau);
             let others = (0..self.tree.len()).filter(|&i| i != tau && !self.tree[i].is_goal);
-            let gives_way = self.best.is_none() && self.has_few_objects();
+            let gives_way = self.best.is_none() && self.asks_freely();
             if now > before && gives_way && others.into_iter().any(|i| self.prospect(i) < now) {
                 return None;
             }
@@ -248,7 +252,7 @@ impl Search<'_> {
             return Some(guide);
         }
         // A whole new plan for what follows is dear where there are many objects.
-        let other = if self.rng.random_bool(if self.has_few_objects() { 0.7 } else { 0.05 }) {
+        let other = if self.rng.random_bool(if self.asks_freely() { 0.7 } else { 0.05 }) {
             self.another_first_action(tau, &guide, control)
         } else {
             self.under_a_cut(tau, &guide, control)
@@ -256,14 +260,20 @@ impl Search<'_> {
         other.or(Some(guide))
     }
 
-    /// Whether a new plan for all objects is quickly made.
-    pub(super) fn has_few_objects(&self) -> bool {
-        self.problem.objects.len() <= MOST_REPLANNED
+    /// Whether a new plan for all objects is asked for freely: there are few, and what it says mostly succeeds.
+    pub(super) fn asks_freely(&self) -> bool {
+        self.problem.objects.len() <= MOST_REPLANNED && !self.struggles()
     }
 
-    /// Whether a first plan is sought for so many objects that much of what the guide says fails.
+    /// Whether so much of what the guide says failed before there was a plan that as much as can be is done of each step,
+    /// rather than the guidance asked again.
+    pub(super) fn struggles(&self) -> bool {
+        self.best.is_none() && self.setbacks >= SETBACKS_BORNE
+    }
+
+    /// Whether a first plan is sought where much of what the guide says fails, with many objects or as it turned out.
     pub(super) fn is_crowded(&self) -> bool {
-        self.best.is_none() && !self.has_few_objects()
+        self.best.is_none() && !self.asks_freely()
     }
 
     /// A guide that begins with another action than the tau's own, and is mostly hardly longer.

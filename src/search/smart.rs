@@ -82,6 +82,8 @@ pub struct Search<'a> {
     /// of the map's own network was.
     pub(super) examined: bool,
     certified: bool,
+    /// Expansions before the first plan that failed or did a step in part only.
+    pub(super) setbacks: u32,
     /// The iteration that came to the first plan.
     first_at: u64,
     /// What to do from the start, where that was worked out already under the cuts of a version.
@@ -133,6 +135,7 @@ impl<'a> Search<'a> {
             cause: None,
             examined: false,
             certified: false,
+            setbacks: 0,
             first_at: 0,
             prepared: None,
         };
@@ -333,14 +336,16 @@ impl<'a> Search<'a> {
     ) -> Option<usize> {
         // With many objects a second try mends what failed, and then the rest is done without it.
         let more = if self.is_crowded() { 1 } else { 2 };
+        self.grounder.stays_put = self.struggles();
         let attempts = self.settings.groundings.min(2 + more * self.tree[tau].failures as usize);
         let (part, (grounding, motion)) = match self.step_from(tau, guide, &mut outline, attempts, control) {
             Ok(moved) => (None, moved),
             Err(setback) => {
+                self.setbacks += u32::from(self.best.is_none());
                 let partly = self.step_in_part(tau, guide, &outline, &setback, control);
                 // With many objects it is dear to ask the guidance again, so that it is done without where
                 // only some actions have to come later.
-                if partly.is_none() || self.has_few_objects() {
+                if partly.is_none() || self.asks_freely() {
                     self.note_setback(tau, guide, &setback, control);
                 }
                 let (part, moved) = partly?;
@@ -399,13 +404,13 @@ impl<'a> Search<'a> {
         match &part {
             None => self.memo.suggest(&guide.solution),
             Some(part) => {
-                if !self.has_few_objects() {
+                if !self.asks_freely() {
                     // It goes on from there, and not from here again.
                     self.tree[tau].failures += DONE_IN_PART;
                 }
                 if let Some(rest) = self.rest_after(guide, part, &vertex.mode) {
                     self.memo.suggest(&rest);
-                    known = Some(rest).filter(|_| !self.has_few_objects());
+                    known = Some(rest).filter(|_| !self.asks_freely());
                 }
             }
         }

@@ -126,7 +126,7 @@ impl Search<'_> {
 
     /// The motion of a step that differs from the one before in few arms.
     fn plan_less(&mut self, grounding: &Grounding, control: &Control) -> Result<StepMotion, StepFailure> {
-        match self.has_few_objects() {
+        match self.asks_freely() {
             true => self.planner.plan(&grounding.task, false, control),
             false => self.planner.plan_less(&grounding.task, control),
         }
@@ -149,7 +149,7 @@ impl Search<'_> {
         }
         woven.push(delayed);
         let apart: Vec<Vec<Move>> = std::iter::once(left.clone()).chain(rest.iter().cloned()).collect();
-        let early = if self.has_few_objects() { Vec::new() } else { earliest(&self.network, &apart) };
+        let early = if self.asks_freely() { Vec::new() } else { earliest(&self.network, &apart) };
         [woven, early, apart].into_iter().filter(|steps| !steps.is_empty()).find_map(|mut steps| {
             steps.retain(|moves| !moves.is_empty());
             for moves in &mut steps {

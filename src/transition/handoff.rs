@@ -18,7 +18,7 @@ use super::line::Line;
 /// Random pairs of holds that are looked at before all pairs are.
 const DRAWS_OF_HOLDS: usize = 40;
 
-/// Candidates to choose from for each handoff that is wanted.
+/// Candidates to choose from for each handoff that is wanted, where one may be nearer than another.
 const HANDFUL: usize = 6;
 
 /// Which handoff is asked for.
@@ -62,7 +62,7 @@ pub struct HandoffContact {
 
 /// Samples handoffs with up to `tries` random object poses, and returns up to `most` of them, the
 /// cheapest first. Of each handful that inverse kinematics allows the cheapest are grounded first,
-/// until there are `most`.
+/// until there are `most`; where nothing is said of nearness, each as it comes.
 pub(super) fn sample_handoffs(
     problem: &Problem,
     world: &CollisionWorld,
@@ -85,11 +85,13 @@ pub(super) fn sample_handoffs(
         retreat: problem.objects[query.object.0].retreat,
         meeting_place: meeting_place(&arms[query.giver.0], &arms[query.receiver.0]),
     };
+    let all_are_equal = query.giver_near.is_empty() && query.receiver_near.is_empty();
+    let handful_size = if all_are_equal { 1 } else { HANDFUL * most };
     let mut found: Vec<HandoffContact> = Vec::new();
     let mut left = tries;
     while left > 0 && found.len() < most {
         let mut handful = Vec::new();
-        while left > 0 && handful.len() < HANDFUL * most {
+        while left > 0 && handful.len() < handful_size {
             left -= 1;
             match sampler.draw(hands, rng) {
                 Draw::Hit(candidate) => handful.push(*candidate),
@@ -174,6 +176,7 @@ impl Sampler<'_> {
             let target = arm.base.inverse() * pose * hold.inverse() * arm.tool.tcp.inverse();
             let mut solutions = Vec::new();
             arm.model.inverse(&arm.limits, &target, 2, rng, &mut solutions);
+            solutions.iter_mut().for_each(|q| arm.model.unwind(&arm.limits, &arm.home, q));
             solutions
         };
         let giving = solve(self.giver, &giver_hold);

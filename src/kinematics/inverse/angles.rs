@@ -8,7 +8,7 @@ use crate::kinematics::JointLimits;
 const LIMIT_SLACK: f64 = 1e-10;
 
 /// The angle `angle` + a multiple of 2 pi that lies within `limits`, the one nearest to `near`.
-pub(super) fn fit(angle: f64, limits: &JointLimits, near: f64) -> Option<f64> {
+pub(in crate::kinematics) fn fit(angle: f64, limits: &JointLimits, near: f64) -> Option<f64> {
     let mut value = angle;
     if (near - angle).abs() > PI {
         value += TAU * ((near - angle) / TAU).round();

@@ -16,6 +16,7 @@ use super::chain::Chain;
 use super::{ArmModel, Config, JointLimits};
 use crate::geometry::Pose;
 use crate::run::{Rng, Seed};
+pub(super) use angles::fit;
 use numeric::Descent;
 use offset_seven::OffsetSeven;
 use six::SixAxes;

@@ -102,9 +102,7 @@ impl SphericalSeven {
         seed: &[f64; 7],
         max_step: f64,
     ) -> Option<Config> {
-        let aim = self.aim(target, Some(seed))?;
-        let elbow = aim.nearest_elbow(seed[3]);
-        let angles = self.angles(&aim.elbows[elbow], 0.0, seed);
+        let (elbow, angles) = self.continued(target, seed)?;
         let kept = branches_of(elbow)
             .filter_map(|branch| angles.within(branch, limits, seed))
             .filter(|q| within_step(q, seed, max_step))
@@ -112,6 +110,7 @@ impl SphericalSeven {
         if let Some(q) = kept {
             return Some(q.into_iter().collect());
         }
+        let aim = self.aim(target, Some(seed))?;
         let (shoulder, wrist) = self.sides_of(seed);
         let mut windows = SmallVec::new();
         self.windows(&aim, limits, seed, Some(Branch { elbow, shoulder, wrist }), &mut windows);

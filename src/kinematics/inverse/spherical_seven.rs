@@ -50,6 +50,16 @@ pub(super) struct Branch {
     pub wrist: Side,
 }
 
+/// Where the wrist has to be.
+struct Bearing {
+    /// The rotation that all joints make together.
+    goal: Matrix3<f64>,
+    /// From the shoulder to the wrist, of unit length.
+    direction: Vec3,
+    /// The elbow's two values (rad).
+    elbows: [f64; 2],
+}
+
 /// A target made ready: all that does not depend on psi.
 #[derive(Debug, Clone)]
 pub(super) struct Aim {
@@ -128,6 +138,29 @@ impl SphericalSeven {
     /// arm then stands as at `reference`, turned by the least rotation that brings the wrist where
     /// it has to be. `None` when the wrist cannot get there.
     pub fn aim(&self, target: &Pose, reference: Option<&[f64]>) -> Option<Aim> {
+        let Bearing { goal, direction, elbows } = self.bearing(target)?;
+        let before = reference.map(|q| self.shoulder_rotation(q));
+        Some(Aim { elbows: elbows.map(|q4| self.aim_elbow(q4, &goal, &direction, before.as_ref())) })
+    }
+
+    /// The angles at psi = 0 as [`Self::aim`] has it, with the elbow as near to that of `reference` as it can be;
+    /// and the elbow's index. `None` when the wrist cannot get there.
+    pub fn continued(&self, target: &Pose, reference: &[f64; 7]) -> Option<(usize, ElbowAngles)> {
+        let Bearing { goal, direction, elbows } = self.bearing(target)?;
+        let elbow = nearest_elbow(elbows, reference[3]);
+        let q4 = elbows[elbow];
+        let (bent, carried) = self.carry(q4, &direction, Some(&self.shoulder_rotation(reference)));
+        let shoulder = self.shoulder.frame.transpose() * (carried * self.shoulder.end);
+        let wrist = (carried * bent * self.wrist.frame).transpose() * (goal * self.wrist.end);
+        let angles = ElbowAngles {
+            q4,
+            shoulder: self.shoulder.angles(&shoulder, reference[0]),
+            wrist: self.wrist.angles(&wrist, reference[4]),
+        };
+        Some((elbow, angles))
+    }
+
+    fn bearing(&self, target: &Pose) -> Option<Bearing> {
         let rotation = target.rotation.to_rotation_matrix();
         let goal = rotation.matrix() * self.mount_inverse;
         let wrist = rotation.matrix() * self.wrist_in_mount + target.translation.vector;
@@ -139,9 +172,7 @@ impl SphericalSeven {
         }
         let bend = cosine.clamp(-1.0, 1.0).acos();
         let direction = line / square.sqrt();
-        let before = reference.map(|q| self.shoulder_rotation(q));
-        let elbow = |q4| self.aim_elbow(q4, &goal, &direction, before.as_ref());
-        Some(Aim { elbows: [elbow(self.phase + bend), elbow(self.phase - bend)] })
+        Some(Bearing { goal, direction, elbows: [self.phase + bend, self.phase - bend] })
     }
 
     fn aim_elbow(
@@ -151,6 +182,22 @@ impl SphericalSeven {
         direction: &Vec3,
         before: Option<&Matrix3<f64>>,
     ) -> ElbowAim {
+        let (bent, carried) = self.carry(q4, direction, before);
+        let shoulder =
+            Swing::new(&self.shoulder.frame.transpose(), direction, &(carried * self.shoulder.end), 1.0);
+        let left = (carried * bent * self.wrist.frame).transpose();
+        let wrist = Swing::new(&left, direction, &(goal * self.wrist.end), -1.0);
+        ElbowAim { q4, shoulder, wrist }
+    }
+
+    /// The rotation of the elbow at `q4`; and that of the shoulder which brings the wrist in `direction` by the least
+    /// turn from where it was `before`.
+    fn carry(
+        &self,
+        q4: f64,
+        direction: &Vec3,
+        before: Option<&Matrix3<f64>>,
+    ) -> (Matrix3<f64>, Matrix3<f64>) {
         let bent = *Rotation3::from_axis_angle(&self.elbow_axis, q4).matrix();
         let unturned = self.upper + bent * self.lower;
         let start = before.map_or(unturned, |rotation| rotation * unturned);
@@ -158,11 +205,7 @@ impl SphericalSeven {
         if let Some(rotation) = before {
             carried *= rotation;
         }
-        let shoulder =
-            Swing::new(&self.shoulder.frame.transpose(), direction, &(carried * self.shoulder.end), 1.0);
-        let left = (carried * bent * self.wrist.frame).transpose();
-        let wrist = Swing::new(&left, direction, &(goal * self.wrist.end), -1.0);
-        ElbowAim { q4, shoulder, wrist }
+        (bent, carried)
     }
 
     /// The rotation that joints 1 to 3 make at `q`.
@@ -271,12 +314,10 @@ impl SphericalSeven {
     }
 }
 
-impl Aim {
-    /// The elbow solution nearest to `q4`.
-    pub fn nearest_elbow(&self, q4: f64) -> usize {
-        let [first, second] = [0, 1].map(|index| turn_between(self.elbows[index].q4, q4));
-        usize::from(second < first)
-    }
+/// Which of two elbow angles (rad) is nearest to `q4`.
+fn nearest_elbow(elbows: [f64; 2], q4: f64) -> usize {
+    let [first, second] = elbows.map(|angle| turn_between(angle, q4));
+    usize::from(second < first)
 }
 
 /// Angles of one elbow at one psi.
