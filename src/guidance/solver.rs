@@ -40,6 +40,8 @@ pub struct Effort {
     pub program_iterations: u64,
     /// Nodes of its tree.
     pub program_nodes: u64,
+    /// Where plans that avoid cuts come dear, others are made anew if objects times steps are this many at most.
+    pub most_stops: usize,
 }
 
 impl Effort {
@@ -55,7 +57,13 @@ impl Effort {
             polish_rounds: 16,
             program_iterations: 0,
             program_nodes: 0,
+            most_stops: usize::MAX,
         }
+    }
+
+    /// The same where most of what is planned fails, so that little is gained by the best of plans.
+    pub fn hasty() -> Self {
+        Self { most_stops: FEW_STOPS, ..Self::quick() }
     }
 
     /// For any plan, where a quick look finds none.
@@ -76,6 +84,7 @@ impl Effort {
             polish_rounds: 100,
             program_iterations: 400_000,
             program_nodes: 20_000,
+            most_stops: usize::MAX,
         }
     }
 }
@@ -181,6 +190,8 @@ const SUSPICIOUS: usize = 5;
 /// most; and how many steps those may have beyond.
 const DEAR: u64 = 6;
 const FEW_OBJECTS: usize = 16;
+/// Objects times steps up to which that is quick.
+const FEW_STOPS: usize = 200;
 const LITTLE_LONGER: usize = 6;
 /// States looked at upon that suspicion.
 const FEW_STATES: usize = 1_000;
@@ -553,7 +564,8 @@ impl<'a> Run<'a> {
         let mut least = steps as u64 + self.cuts.penalty(&hint.start, &hint.steps);
         self.best = Some(hint.clone());
         self.repair.all_slots(true);
-        let few = self.network.object_count() <= FEW_OBJECTS;
+        let objects = self.network.object_count();
+        let few = objects <= FEW_OBJECTS && objects * steps <= self.effort.most_stops;
         for horizon in [steps, steps + 1, steps + 2, steps + 4] {
             if !few && horizon > steps + 1 || least <= horizon as u64 || self.control.should_stop() {
                 return;

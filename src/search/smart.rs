@@ -196,6 +196,14 @@ impl<'a> Search<'a> {
     pub fn iterate(&mut self, control: &Control) -> Report {
         self.iterations += 1;
         self.offered.clear();
+        let struggles = self.struggles();
+        if struggles != self.grounder.stays_put {
+            self.grounder.stays_put = struggles;
+            if matches!(self.problem.options.guidance, GuidanceKind::Smart) {
+                let effort = if struggles { Effort::hasty() } else { Effort::quick() };
+                self.guidance = Box::new(Smart { effort, seed: self.seed });
+            }
+        }
         let in_force = self.cuts.active().len();
         self.cuts.advance();
         self.version += u64::from(self.cuts.active().len() != in_force);
@@ -336,7 +344,6 @@ impl<'a> Search<'a> {
     ) -> Option<usize> {
         // With many objects a second try mends what failed, and then the rest is done without it.
         let more = if self.is_crowded() { 1 } else { 2 };
-        self.grounder.stays_put = self.struggles();
         let attempts = self.settings.groundings.min(2 + more * self.tree[tau].failures as usize);
         let (part, (grounding, motion)) = match self.step_from(tau, guide, &mut outline, attempts, control) {
             Ok(moved) => (None, moved),

@@ -303,6 +303,7 @@ fn inverse_kinematics_in_batches_gives_what_is_within_limits_and_free() {
                 let mut all = Vec::new();
                 let mount = it.base.inverse() * target * it.tool.tcp.inverse();
                 it.model.inverse(&it.limits, &mount, 4, &mut stream, &mut all);
+                all.iter_mut().for_each(|q| it.model.unwind(&it.limits, &it.home, q));
                 for q in &found {
                     let reached = it.tcp_pose(q);
                     assert!((reached.translation.vector - target.translation.vector).norm() < 1e-9);
