@@ -40,7 +40,8 @@ pub struct Effort {
     pub program_iterations: u64,
     /// Nodes of its tree.
     pub program_nodes: u64,
-    /// Where plans that avoid cuts come dear, others are made anew if objects times steps are this many at most.
+    /// Under cuts, plans that are several steps longer and plans made anew are looked at only where objects times
+    /// steps, the stops of all routes, are at most this many.
     pub most_stops: usize,
 }
 
@@ -186,12 +187,13 @@ const FIRST_STATES: usize = 150;
 const USUAL_NEIGHBOURHOOD: usize = 4;
 /// Horizons that fail before it is suspected that there is no plan at all.
 const SUSPICIOUS: usize = 5;
-/// What a plan costs beyond its steps from which on others are made anew, where there are this many objects at
-/// most; and how many steps those may have beyond.
+/// What a plan costs beyond its steps from which on others are made anew.
 const DEAR: u64 = 6;
+/// Objects up to which that is done.
 const FEW_OBJECTS: usize = 16;
-/// Objects times steps up to which that is quick.
+/// [`Effort::most_stops`] in haste.
 const FEW_STOPS: usize = 200;
+/// How many steps those may have beyond.
 const LITTLE_LONGER: usize = 6;
 /// States looked at upon that suspicion.
 const FEW_STATES: usize = 1_000;

@@ -18,11 +18,11 @@ impl ArmModel {
     }
 
     /// Moves the joints of `q` (rad) by whole turns, as near to `reference` as `limits` (one per joint) allow:
-    /// the arm stays where it is, and has less far to go. Joints of less than a turn, and those for which
+    /// the arm stays where it is, and has less far to go. Joints of a turn or less, and those for which
     /// [`Self::is_periodic`] does not hold, stay as they are.
     pub fn unwind(&self, limits: &[JointLimits], reference: &[f64], q: &mut [f64]) {
         for (joint, ((value, limit), near)) in q.iter_mut().zip(limits).zip(reference).enumerate() {
-            if limit.upper - limit.lower >= TAU
+            if limit.upper - limit.lower > TAU
                 && self.is_periodic(joint)
                 && let Some(turned) = fit(*value, limit, *near)
             {
@@ -43,14 +43,16 @@ mod tests {
 
     /// A rail, an arm's turn, and a link that turns half as far.
     const MIXED: &str = r#"<robot name="r"><link name="a"/><link name="b"/><link name="c"/><link name="d"/>
-        <link name="flange"/>
+        <link name="e"/><link name="flange"/>
         <joint name="rail" type="prismatic"><parent link="a"/><child link="b"/><axis xyz="1 0 0"/>
             <limit lower="-9" upper="9" velocity="1"/></joint>
         <joint name="turn" type="revolute"><parent link="b"/><child link="c"/><axis xyz="0 0 1"/>
             <limit lower="-9" upper="9" velocity="1"/></joint>
         <joint name="swing" type="revolute"><parent link="c"/><child link="d"/><axis xyz="0 1 0"/>
             <limit lower="-9" upper="9" velocity="1"/></joint>
-        <joint name="follow" type="revolute"><parent link="d"/><child link="flange"/><axis xyz="0 0 1"/>
+        <joint name="spin" type="continuous"><parent link="d"/><child link="e"/><axis xyz="0 1 0"/>
+            <limit velocity="1"/></joint>
+        <joint name="follow" type="revolute"><parent link="e"/><child link="flange"/><axis xyz="0 0 1"/>
             <mimic joint="turn" multiplier="0.5" offset="0"/></joint></robot>"#;
 
     fn load(urdf: &str) -> ArmModel {
@@ -61,10 +63,11 @@ mod tests {
     fn what_a_turn_would_move_stays_as_it_is() {
         let model = load(MIXED);
         let limits: Vec<JointLimits> = model.joints.iter().map(|joint| joint.limits).collect();
-        assert_eq!([0, 1, 2].map(|joint| model.is_periodic(joint)), [false, false, true]);
-        let mut q = [8.0, 8.0, 8.0];
-        model.unwind(&limits, &[0.0; 3], &mut q);
-        assert_eq!(q, [8.0, 8.0, 8.0 - TAU]);
+        assert_eq!([0, 1, 2, 3].map(|joint| model.is_periodic(joint)), [false, false, true, true]);
+        let mut q = [8.0, 8.0, 8.0, 50.0];
+        model.unwind(&limits, &[0.0; 4], &mut q);
+        assert_eq!(q[..2], [8.0, 8.0]);
+        assert!((q[2] - (8.0 - TAU)).abs() < 1e-12 && (q[3] - (50.0 - 8.0 * TAU)).abs() < 1e-12);
     }
 
     proptest! {
@@ -87,7 +90,8 @@ mod tests {
                     prop_assert!((limit.lower..=limit.upper).contains(&near[joint]));
                     for turn in [-TAU, TAU] {
                         let other = near[joint] + turn;
-                        let is_nearer = (other - reference[joint]).abs() < (near[joint] - reference[joint]).abs() - 1e-9;
+                        let away = |value: f64| (value - reference[joint]).abs();
+                        let is_nearer = away(other) < away(near[joint]) - 1e-9;
                         prop_assert!(!(limit.lower..=limit.upper).contains(&other) || !is_nearer);
                     }
                 }

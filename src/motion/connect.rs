@@ -8,7 +8,7 @@ use crate::run::{Control, Rng};
 use crate::workcell::Arm;
 
 use super::arm_path::Surroundings;
-use super::roadmap::{Roadmap, draw};
+use super::roadmap::{Roadmap, draw, one_turn};
 
 /// Samples before the search gives up.
 const GREATEST_SAMPLES: usize = 250;
@@ -19,8 +19,11 @@ const RANGE: f64 = 0.6;
 /// Share of the samples near one of the ends, where passages are narrow.
 const NEAR_ENDS: f64 = 0.3;
 
-/// How far (share of a joint's range) these lie from the end at most.
+/// How far (share of a joint's range, or of a turn) these lie from the end at most.
 const NEIGHBOURHOOD: f64 = 0.15;
+
+/// Samples after which both trees must have grown.
+const HOPELESS: usize = 80;
 
 /// A tree of configurations with their parents; the root is its own.
 struct Tree(Vec<(Config, usize)>);
@@ -74,9 +77,12 @@ pub(super) fn connect(
     control: &Control,
     rng: &mut Rng,
 ) -> Option<Vec<Config>> {
+    if ![from, to].into_iter().all(|end| around.edge_free(end, end)) {
+        return None;
+    }
     let mut trees = [Tree(vec![(from.clone(), 0)]), Tree(vec![(to.clone(), 0)])];
     for sample in 0..GREATEST_SAMPLES {
-        if control.should_stop() {
+        if control.should_stop() || sample == HOPELESS && trees.iter().any(|tree| tree.0.len() == 1) {
             return None;
         }
         let (growing, other) = (sample % 2, 1 - sample % 2);
@@ -92,8 +98,8 @@ pub(super) fn connect(
         let met = loop {
             match trees[other].extend(around, roadmap, &goal) {
                 Step::Reached(met) => break Some(met),
-                Step::Advanced(_) => {}
-                Step::Trapped => break None,
+                Step::Advanced(_) if !control.should_stop() => {}
+                _ => break None,
             }
         };
         if let Some(met) = met {
@@ -109,10 +115,9 @@ pub(super) fn connect(
 
 /// A configuration near `q`, within the limits.
 fn near(arm: &Arm, q: &Config, rng: &mut Rng) -> Config {
-    let joints = arm.limits.iter().zip(q);
-    let moved = joints.map(|(limit, at)| {
-        let range = (limit.upper - limit.lower).min(std::f64::consts::TAU);
-        let half = NEIGHBOURHOOD * range;
+    let moved = q.iter().zip(&arm.limits).enumerate().map(|(joint, (at, limit))| {
+        let (lower, upper) = one_turn(arm, joint, *at);
+        let half = NEIGHBOURHOOD * (upper - lower);
         (at + rng.random_range(-half..=half)).clamp(limit.lower, limit.upper)
     });
     moved.collect()

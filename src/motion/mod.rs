@@ -3,8 +3,8 @@
 //! Each arm has a roadmap of its own over its free configurations; a step is planned by a
 //! portfolio, cheapest first: every arm on its own path at once, the same with waits, paths that
 //! avoid where other arms rest, one arm after the other, and at last the search over the tensor
-//! product of the roadmaps (dRRT, Shome et al. 2019). An arm whose roadmap has no way among what stands
-//! still grows it, then two trees towards each other (RRT-Connect). Whatever comes out is timed, and the
+//! product of the roadmaps (dRRT, Shome et al. 2019). Where an arm that acts has no way, even with all others out of
+//! the way, its roadmap grows, and then two trees towards each other (RRT-Connect). Whatever comes out is timed, and the
 //! timed curves are certified.
 //!
 //! This room knows no objects' goals, no modes and no trees.

@@ -22,7 +22,7 @@ pub(super) use memo::{KnownEdges, Situation};
 /// Configurations that are drawn and checked at a time.
 const BATCH: usize = 8;
 
-/// Share of the vertices that may lie farther than half a turn from home, where joints can turn so far.
+/// Share of the draws that may lie outside a turn about home, where limited joints can turn so far.
 const WINDING: f64 = 0.1;
 
 /// Vertices that lie side by side in [`Roadmap::paced`].
@@ -185,7 +185,7 @@ impl Roadmap {
     }
 
     /// Adds `count` free configurations, half of them uniform within the limits and half around
-    /// `home`, unless `control` stops it.
+    /// `home` (see [`draw`]), unless `control` stops it.
     pub fn grow(
         &mut self,
         world: &CollisionWorld,
@@ -220,23 +220,32 @@ impl Roadmap {
         }
     }
 
-    /// Adds what lies between the ends of a free path, for later searches.
+    /// Adds what lies between the ends of a free path, and the edges along it, for later searches.
     pub(super) fn learn(&mut self, path: &[Config]) {
         let inner = path.get(1..path.len().saturating_sub(1)).unwrap_or_default();
-        inner.iter().for_each(|q| self.insert(q.clone()));
+        for (n, q) in inner.iter().enumerate() {
+            let vertex = self.vertices.len();
+            self.insert(q.clone());
+            if n > 0 && !self.neighbours(vertex).any(|(_, other)| other + 1 == vertex) {
+                self.join(vertex - 1, vertex, self.distance(&inner[n - 1], q));
+            }
+        }
+    }
+
+    fn join(&mut self, one: usize, other: usize, length: f64) {
+        let (edges, incident) = (Arc::make_mut(&mut self.edges), Arc::make_mut(&mut self.incident));
+        incident[one].push(edges.len());
+        incident[other].push(edges.len());
+        edges.push(Edge { ends: [one, other], length });
+        self.validity.push(Validity::Unknown);
     }
 
     fn insert(&mut self, q: Config) {
         let near = self.nearest_with_distance(&q, self.degree());
         let vertex = self.vertices.len();
-        let (edges, incident) = (Arc::make_mut(&mut self.edges), Arc::make_mut(&mut self.incident));
-        incident.push(Vec::with_capacity(near.len()));
+        Arc::make_mut(&mut self.incident).push(Vec::with_capacity(near.len()));
         for (length, other) in near {
-            let edge = edges.len();
-            edges.push(Edge { ends: [other, vertex], length });
-            self.validity.push(Validity::Unknown);
-            incident[other].push(edge);
-            incident[vertex].push(edge);
+            self.join(other, vertex, length);
         }
         self.push_paced(vertex, &q);
         Arc::make_mut(&mut self.vertices).push(q);
@@ -290,34 +299,102 @@ impl Roadmap {
 }
 
 /// A configuration, uniform within the limits or around `home`; of joints that can turn farther than once, mostly
-/// within the turn around `home`, where contacts are.
+/// within [`one_turn`] about `home`.
 pub(super) fn draw(arm: &Arm, rng: &mut Rng) -> Config {
     let around_home = rng.random_bool(0.5);
-    let can_wind = |joint: usize| {
-        let limit = &arm.limits[joint];
-        limit.upper - limit.lower > TAU && arm.model.is_periodic(joint)
+    let winds = (0..arm.limits.len()).any(|joint| can_wind(arm, joint)) && rng.random_bool(WINDING);
+    let joints = arm.limits.iter().zip(&arm.home).enumerate();
+    let value = |(joint, (limit, home)): (usize, (&JointLimits, &f64))| {
+        let is_bounded = limit.lower.is_finite() && limit.upper.is_finite();
+        let (lower, upper) = match winds && is_bounded {
+            true => (limit.lower, limit.upper),
+            false => one_turn(arm, joint, *home),
+        };
+        if around_home {
+            let half = (upper - lower) / 5.0;
+            (home + rng.random_range(-half..=half)).clamp(lower, upper)
+        } else {
+            rng.random_range(lower..=upper)
+        }
     };
-    let winds = (0..arm.limits.len()).any(can_wind) && rng.random_bool(WINDING);
-    arm.limits
-        .iter()
-        .zip(&arm.home)
-        .enumerate()
-        .map(|(joint, (limit, home))| {
-            let (lower, upper) = bounded(limit, *home, !winds && can_wind(joint));
-            if around_home {
-                let half = (upper - lower) / 5.0;
-                (home + rng.random_range(-half..=half)).clamp(lower, upper)
-            } else {
-                rng.random_range(lower..=upper)
-            }
-        })
-        .collect()
+    joints.map(value).collect()
 }
 
-/// Limits to sample within: those of a joint that is continuous, or is to stay `near` home, are a turn around home.
-fn bounded(limit: &JointLimits, home: f64, near: bool) -> (f64, f64) {
-    let (lower, upper) = (limit.lower, limit.upper);
-    let lower = if near || lower.is_infinite() { lower.max(home - PI) } else { lower };
-    let upper = if near || upper.is_infinite() { upper.min(home + PI) } else { upper };
-    (lower, upper)
+/// Whether a joint of `arm` can turn farther than once, and a turn brings the arm back to where it was.
+fn can_wind(arm: &Arm, joint: usize) -> bool {
+    let limit = &arm.limits[joint];
+    limit.upper - limit.lower > TAU && arm.model.is_periodic(joint)
+}
+
+/// The limits of a joint of `arm`; where it [`can_wind`], those of one whole turn within them, about `middle` as far as
+/// they allow: there [`crate::kinematics::ArmModel::unwind`] puts it.
+pub(super) fn one_turn(arm: &Arm, joint: usize, middle: f64) -> (f64, f64) {
+    let JointLimits { lower, upper, .. } = arm.limits[joint];
+    if !can_wind(arm, joint) {
+        return (lower, upper);
+    }
+    let from = (middle - PI).min(upper - TAU).max(lower);
+    (from, from + TAU)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::run::Seed;
+    use crate::scenario::{Family, RobotKind, generate_with};
+    use crate::wire::{LibraryOnly, ReadLimits, read_problem_value};
+
+    fn problem(kind: RobotKind) -> crate::problem::Problem {
+        let value = generate_with(Family::Ring, 3, 2, 0, &[kind]).unwrap();
+        read_problem_value(&value, &LibraryOnly, &ReadLimits::default()).unwrap().problem
+    }
+
+    #[test]
+    fn a_joint_that_can_wind_is_sampled_over_a_whole_turn_within_its_limits() {
+        let mut arm = problem(RobotKind::UrType).workcell.arms[0].clone();
+        for (limits, middle, turn) in [
+            ([-TAU, TAU], 1.5 * PI, [0.0, TAU]),
+            ([-TAU, TAU], 0.3, [0.3 - PI, 0.3 + PI]),
+            ([-TAU, TAU], -6.0, [-TAU, 0.0]),
+            ([f64::NEG_INFINITY, f64::INFINITY], 9.0, [9.0 - PI, 9.0 + PI]),
+            ([-3.0, 3.0], 1.0, [-3.0, 3.0]),
+        ] {
+            [arm.limits[0].lower, arm.limits[0].upper] = limits;
+            let (lower, upper) = one_turn(&arm, 0, middle);
+            assert!(
+                (lower - turn[0]).abs() < 1e-12 && (upper - turn[1]).abs() < 1e-12,
+                "{limits:?} {middle}"
+            );
+        }
+        [arm.limits[0].lower, arm.limits[0].upper] = [-TAU, TAU];
+        arm.home[0] = 1.5 * PI;
+        let mut rng = Seed(1).stream("draw");
+        let drawn: Vec<f64> = (0..4000).map(|_| draw(&arm, &mut rng)[0]).collect();
+        let share = |from: f64, to: f64| {
+            drawn.iter().filter(|value| (from..to).contains(*value)).count() as f64 / drawn.len() as f64
+        };
+        // Nine in ten lie within the turn, where none of its sixths is missing; the others anywhere.
+        let outside = share(-TAU, 0.0);
+        assert!((0.01..0.1).contains(&outside), "{outside}");
+        assert!(
+            (0..6).all(|sixth| share(f64::from(sixth) * TAU / 6.0, f64::from(sixth + 1) * TAU / 6.0) > 0.05)
+        );
+    }
+
+    #[test]
+    fn a_way_that_was_learnt_is_there() {
+        let problem = problem(RobotKind::Iiwa14);
+        let world = CollisionWorld::new(&problem);
+        let arm = &problem.workcell.arms[0];
+        let mut rng = Seed(2).stream("learn");
+        let mut roadmap = Roadmap::new(ArmId(0), arm);
+        roadmap.grow(&world, arm, 60, &Control::unbounded(), &mut rng);
+        let path: Vec<Config> = (0..5).map(|_| draw(arm, &mut rng)).collect();
+        let before = roadmap.vertices().len();
+        roadmap.learn(&path);
+        assert_eq!(roadmap.vertices()[before..], path[1..4]);
+        for vertex in before..before + 2 {
+            assert_eq!(roadmap.neighbours(vertex).filter(|(_, other)| *other == vertex + 1).count(), 1);
+        }
+    }
 }

@@ -225,9 +225,9 @@ fn workcell(layout: &Layout, robots: &[RobotKind]) -> Value {
         contacts.extend(robot.on_the_pedestal().iter().map(|link| json!([pedestal, format!("{id}/{link}")])));
         models.insert(robot.name().to_owned(), json!({ "urdf": format!("library:{}", robot.name()) }));
         // In a grid arms lean along the tables, in a ring along the circle.
-        let across = if layout.is_ring() { 0.0 } else { place.yaw.to_degrees() };
+        let turned = if layout.is_ring() { 0.0 } else { place.yaw.to_degrees() };
         let home: Map<String, Value> = robot
-            .home_deg(across)
+            .home_deg(turned)
             .iter()
             .enumerate()
             .map(|(joint, degrees)| (format!("joint_{}", joint + 1), json!(tidy(degrees.to_radians()))))

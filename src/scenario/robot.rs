@@ -28,12 +28,12 @@ impl RobotKind {
         }
     }
 
-    /// Home in generated cells (deg), joint after joint, of an arm whose base is turned by `yaw` (deg) against the way
-    /// from table to table.
+    /// Home in generated cells (deg), joint after joint, of an arm whose base is turned by `yaw` (deg) against the
+    /// direction of a table.
     pub(super) fn home_deg(self, yaw: f64) -> Vec<f64> {
         match self {
             Self::Iiwa14 => vec![0.0, -20.0, 0.0, -110.0, 0.0, 60.0, 0.0],
-            // It is longer than the others, and leans away from both tables.
+            // It is longer than the others, and leans along the tables.
             Self::UrType => vec![270.0 - yaw, -110.0, -120.0, -40.0, 90.0, 0.0],
             Self::PandaType => vec![0.0, -45.0, 0.0, -135.0, 0.0, 90.0, 45.0],
         }

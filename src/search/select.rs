@@ -105,8 +105,8 @@ impl Search<'_> {
         self.best.is_some() && self.best_way.len() > self.least_steps + 1
     }
 
-    /// What a tau promises: steps in all, those to come weighed more, and what speaks against it. With many
-    /// objects a first plan is sought with little regard to the steps behind.
+    /// What a tau promises: steps in all, those to come weighed more, and what speaks against it. A first
+    /// plan for many objects, or one that is struggled for, is sought with little regard to the steps behind.
     fn prospect(&self, tau: usize) -> f64 {
         let vertex = &self.tree[tau];
         let remaining = vertex.remaining().map_or(1e6, |steps| steps as f64) + vertex.penalty;
@@ -260,18 +260,20 @@ impl Search<'_> {
         other.or(Some(guide))
     }
 
-    /// Whether a new plan for all objects is asked for freely: there are few, and what it says mostly succeeds.
+    /// Whether a new plan for all objects is asked for freely: there are few, and the search does not struggle.
     pub(super) fn asks_freely(&self) -> bool {
         self.problem.objects.len() <= MOST_REPLANNED && !self.struggles()
     }
 
-    /// Whether so much of what the guide says failed before there was a plan that as much as can be is done of each step,
-    /// rather than the guidance asked again.
+    /// Whether the guidance for all objects at once met [`SETBACKS_BORNE`] before there is a plan: from then on as much as
+    /// can be is done of each step, rather than the guidance asked again, and idle arms stay put.
     pub(super) fn struggles(&self) -> bool {
-        self.best.is_none() && self.setbacks >= SETBACKS_BORNE
+        let is_smart = matches!(self.problem.options.guidance, GuidanceKind::Smart);
+        is_smart && self.best.is_none() && self.setbacks >= SETBACKS_BORNE
     }
 
-    /// Whether a first plan is sought where much of what the guide says fails, with many objects or as it turned out.
+    /// Whether a first plan is sought with many objects, or struggled for: not all that the guide says can be asked to
+    /// succeed.
     pub(super) fn is_crowded(&self) -> bool {
         self.best.is_none() && !self.asks_freely()
     }

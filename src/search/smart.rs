@@ -182,6 +182,17 @@ impl<'a> Search<'a> {
         if self.best.is_none_or(|best| cost < best) {
             self.best = Some(cost);
         }
+        self.set_pace();
+    }
+
+    /// What depends on whether the search struggles.
+    fn set_pace(&mut self) {
+        let struggles = self.struggles();
+        if struggles != self.grounder.stays_put {
+            self.grounder.stays_put = struggles;
+            let effort = if struggles { Effort::hasty() } else { Effort::quick() };
+            self.guidance = Box::new(Smart { effort, seed: self.seed });
+        }
     }
 
     /// Tells the search that the candidate which it reported last was accepted, at this cost.
@@ -196,14 +207,6 @@ impl<'a> Search<'a> {
     pub fn iterate(&mut self, control: &Control) -> Report {
         self.iterations += 1;
         self.offered.clear();
-        let struggles = self.struggles();
-        if struggles != self.grounder.stays_put {
-            self.grounder.stays_put = struggles;
-            if matches!(self.problem.options.guidance, GuidanceKind::Smart) {
-                let effort = if struggles { Effort::hasty() } else { Effort::quick() };
-                self.guidance = Box::new(Smart { effort, seed: self.seed });
-            }
-        }
         let in_force = self.cuts.active().len();
         self.cuts.advance();
         self.version += u64::from(self.cuts.active().len() != in_force);
@@ -342,18 +345,21 @@ impl<'a> Search<'a> {
         mut outline: Outline,
         control: &Control,
     ) -> Option<usize> {
-        // With many objects a second try mends what failed, and then the rest is done without it.
+        // Where not all can succeed a second try mends what failed, and then the rest is done without it.
         let more = if self.is_crowded() { 1 } else { 2 };
         let attempts = self.settings.groundings.min(2 + more * self.tree[tau].failures as usize);
         let (part, (grounding, motion)) = match self.step_from(tau, guide, &mut outline, attempts, control) {
             Ok(moved) => (None, moved),
             Err(setback) => {
-                self.setbacks += u32::from(self.best.is_none());
                 let partly = self.step_in_part(tau, guide, &outline, &setback, control);
-                // With many objects it is dear to ask the guidance again, so that it is done without where
+                // With many objects, or where much fails, it is in vain to ask the guidance again, so that it is done without where
                 // only some actions have to come later.
                 if partly.is_none() || self.asks_freely() {
                     self.note_setback(tau, guide, &setback, control);
+                }
+                if self.best.is_none() && !control.should_stop() {
+                    self.setbacks += 1;
+                    self.set_pace();
                 }
                 let (part, moved) = partly?;
                 (Some(part), moved)

@@ -10,7 +10,7 @@ use super::ground::{Grounding, GroundingFailure};
 use super::outline::Outline;
 use super::smart::Search;
 
-/// Failures of a tau, with many objects, before all means are used on its step.
+/// Failures of a tau, where not all can succeed ([`Search::is_crowded`]), before all means are used on its step.
 const FAILURES_BORNE: u32 = 3;
 
 /// A step that was grounded, and its motion.

@@ -50,7 +50,7 @@ pub(super) struct Branch {
     pub wrist: Side,
 }
 
-/// Where the wrist has to be.
+/// What a target asks for, whichever way the elbow bends.
 struct Bearing {
     /// The rotation that all joints make together.
     goal: Matrix3<f64>,
@@ -160,6 +160,7 @@ impl SphericalSeven {
         Some((elbow, angles))
     }
 
+    /// `None` when the wrist cannot get to the target.
     fn bearing(&self, target: &Pose) -> Option<Bearing> {
         let rotation = target.rotation.to_rotation_matrix();
         let goal = rotation.matrix() * self.mount_inverse;
