@@ -185,7 +185,7 @@ impl Roadmap {
     }
 
     /// Adds `count` free configurations, half of them uniform within the limits and half around
-    /// `home` (see [`draw`]), unless `control` stops it.
+    /// `home`, unless `control` stops it. Joints that can turn farther than once stay mostly within a turn.
     pub fn grow(
         &mut self,
         world: &CollisionWorld,
