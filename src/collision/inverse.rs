@@ -28,8 +28,7 @@ impl CollisionWorld {
         let (to_base, to_mount) = (it.base.inverse(), it.tool.tcp.inverse());
         let mut solutions = vec![Vec::new(); targets.len()];
         for (target, found) in targets.iter().zip(&mut solutions) {
-            it.model.inverse(&it.limits, &(to_base * target * to_mount), most, rng, found);
-            found.iter_mut().for_each(|q| it.model.unwind(&it.limits, &it.home, q));
+            it.inverse(&(to_base * target * to_mount), most, rng, found);
         }
         let all: Vec<&[f64]> = solutions.iter().flatten().map(|q| &q[..]).collect();
         let mut free = self.configs_free(arm, &all, held, scene, exemption).into_iter();

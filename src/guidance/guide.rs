@@ -1,11 +1,12 @@
 //! What the search asks of guidance: from a mode state, what to do next and where to head.
 
 use super::cuts::Cuts;
+use super::effort::Effort;
 use super::instance::{InstanceError, NodeId};
 use super::memo::Memo;
 use super::network::Network;
 use super::solution::{Answer, Certificate, Infeasible, Move, Solution};
-use super::solver::{Effort, solve, solve_near};
+use super::solver::{solve, solve_near};
 use crate::run::{Control, Seed};
 
 /// The first action in a plan in which an arm takes part.

@@ -6,6 +6,7 @@
 use super::beat::turns;
 use super::bounds::{Reach, static_load};
 use super::cuts::Cuts;
+use super::effort::Effort;
 use super::exhaustive::{Exhaustive, Verdict};
 use super::instance::{InstanceError, NodeId};
 use super::interruptible::Limits;
@@ -16,85 +17,6 @@ use super::repair::{MANY, Repair};
 use super::route::BIAS;
 use super::solution::{Answer, Certificate, Infeasible, Proof, Solution};
 use crate::run::{Control, Part, Seed};
-
-/// How hard a solver tries. All limits count work, never time, so that the same call gives the
-/// same answer; a [`Control`] only ends it early.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Effort {
-    /// Neighbourhoods of repair at each horizon before a longer one is tried.
-    pub first_rounds: usize,
-    /// Rounds of the relaxation at each horizon before a longer one is tried.
-    pub first_refutations: usize,
-    /// Neighbourhoods of repair, restarts included, spent on one step less than the best plan.
-    pub repair_rounds: usize,
-    /// Rounds of the relaxation spent on the shortest horizon that is still open.
-    pub refutations: usize,
-    /// Bound on each batch of either kind of rounds: how many pairs of a node and a step the routes
-    /// planned in it may look at together. Keeps large instances from taking long.
-    pub batch: usize,
-    /// States that the exhaustive search may expand in all.
-    pub states: usize,
-    /// Neighbourhoods spent on less weight at the final number of steps.
-    pub polish_rounds: usize,
-    /// Iterations of linear programs that the integer program may spend on each horizon; 0: none.
-    pub program_iterations: u64,
-    /// Nodes of its tree.
-    pub program_nodes: u64,
-    /// Under cuts, plans that are several steps longer and plans made anew are looked at only where objects times
-    /// steps, the stops of all routes, are at most this many.
-    pub most_stops: usize,
-}
-
-impl Effort {
-    /// What a planner can afford many times a second.
-    pub fn quick() -> Self {
-        Self {
-            first_rounds: 60,
-            first_refutations: 60,
-            repair_rounds: 200,
-            refutations: 100,
-            batch: 3_000_000,
-            states: 2_000,
-            polish_rounds: 16,
-            program_iterations: 0,
-            program_nodes: 0,
-            most_stops: usize::MAX,
-        }
-    }
-
-    /// The same where most of what is planned fails, so that little is gained by the best of plans.
-    pub fn hasty() -> Self {
-        Self { most_stops: FEW_STOPS, ..Self::quick() }
-    }
-
-    /// For any plan, where a quick look finds none.
-    pub fn any_plan() -> Self {
-        let thorough = Self::thorough();
-        Self { repair_rounds: 0, refutations: 0, states: 0, program_iterations: 0, ..thorough }
-    }
-
-    /// For an answer that is to be proved.
-    pub fn thorough() -> Self {
-        Self {
-            first_rounds: 60,
-            first_refutations: 60,
-            repair_rounds: 16_000,
-            refutations: 1_500,
-            batch: 60_000_000,
-            states: 100_000,
-            polish_rounds: 100,
-            program_iterations: 400_000,
-            program_nodes: 20_000,
-            most_stops: usize::MAX,
-        }
-    }
-}
-
-impl Default for Effort {
-    fn default() -> Self {
-        Self::quick()
-    }
-}
 
 /// Solves `network` from `state`. With `cuts` in force their penalties count like steps, and
 /// nothing is claimed about bounds or infeasibility.
@@ -191,8 +113,6 @@ const SUSPICIOUS: usize = 5;
 const DEAR: u64 = 6;
 /// Objects up to which that is done.
 const FEW_OBJECTS: usize = 16;
-/// [`Effort::most_stops`] in haste.
-const FEW_STOPS: usize = 200;
 /// How many steps those may have beyond.
 const LITTLE_LONGER: usize = 6;
 /// States looked at upon that suspicion.

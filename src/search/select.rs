@@ -265,8 +265,8 @@ impl Search<'_> {
         self.problem.objects.len() <= MOST_REPLANNED && !self.struggles()
     }
 
-    /// Whether the guidance for all objects at once met [`SETBACKS_BORNE`] before there is a plan: from then on as much as
-    /// can be is done of each step, rather than the guidance asked again, and idle arms stay put.
+    /// Whether the guidance for all objects at once met [`SETBACKS_BORNE`] before there is a plan: from then on as
+    /// much as can be is done of each step, rather than the guidance asked again, and idle arms stay put.
     pub(super) fn struggles(&self) -> bool {
         let is_smart = matches!(self.problem.options.guidance, GuidanceKind::Smart);
         is_smart && self.best.is_none() && self.setbacks >= SETBACKS_BORNE

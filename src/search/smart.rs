@@ -186,7 +186,7 @@ impl<'a> Search<'a> {
     }
 
     /// What depends on whether the search struggles.
-    fn set_pace(&mut self) {
+    pub(super) fn set_pace(&mut self) {
         let struggles = self.struggles();
         if struggles != self.grounder.stays_put {
             self.grounder.stays_put = struggles;
@@ -352,8 +352,8 @@ impl<'a> Search<'a> {
             Ok(moved) => (None, moved),
             Err(setback) => {
                 let partly = self.step_in_part(tau, guide, &outline, &setback, control);
-                // With many objects, or where much fails, it is in vain to ask the guidance again, so that it is done without where
-                // only some actions have to come later.
+                // With many objects, or where much fails, it is dear to ask the guidance again, so that it is done
+                // without where only some actions have to come later.
                 if partly.is_none() || self.asks_freely() {
                     self.note_setback(tau, guide, &setback, control);
                 }

@@ -453,3 +453,25 @@ fn the_tree_reaches_mode_goals_without_guidance() {
         });
     }
 }
+
+#[test]
+fn a_search_that_struggles_leaves_idle_arms_where_they_are_until_there_is_a_plan() {
+    let control = Control::unbounded();
+    with_search(&problem(Family::Switch, 1), |search, _, _| {
+        let (mut guide, outline) = search.advise(0, &control).unwrap();
+        guide.immediate.truncate(1);
+        let goes_somewhere = |search: &mut Search<'_>| {
+            let grounding = search.grounder.ground(&search.tree[0], &guide, &outline).unwrap();
+            let idle: Vec<_> = grounding.task.arms.iter().filter(|arm| !arm.acts()).collect();
+            assert!(!idle.is_empty());
+            idle.iter().any(|arm| matches!(arm.goal, ArmGoal::Toward(_)))
+        };
+        assert!(search.asks_freely() && goes_somewhere(search));
+        search.setbacks = 1000;
+        search.set_pace();
+        assert!(search.struggles() && search.is_crowded() && !search.asks_freely());
+        assert!(!goes_somewhere(search));
+        search.set_incumbent([1000.0, 1000.0]);
+        assert!(!search.struggles() && search.asks_freely() && goes_somewhere(search));
+    });
+}

@@ -175,8 +175,7 @@ impl Sampler<'_> {
         let mut solve = |arm: &Arm, hold: &Pose| {
             let target = arm.base.inverse() * pose * hold.inverse() * arm.tool.tcp.inverse();
             let mut solutions = Vec::new();
-            arm.model.inverse(&arm.limits, &target, 2, rng, &mut solutions);
-            solutions.iter_mut().for_each(|q| arm.model.unwind(&arm.limits, &arm.home, q));
+            arm.inverse(&target, 2, rng, &mut solutions);
             solutions
         };
         let giving = solve(self.giver, &giver_hold);

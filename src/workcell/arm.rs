@@ -4,6 +4,7 @@ use std::sync::Arc;
 
 use crate::geometry::{PlacedShape, Pose};
 use crate::kinematics::{ArmModel, Config, JointLimits};
+use crate::run::Rng;
 
 /// A tool on an arm's mount link.
 #[derive(Debug, Clone, PartialEq)]
@@ -46,6 +47,13 @@ impl Arm {
     /// The TCP frame in the world at `q`.
     pub fn tcp_pose(&self, q: &[f64]) -> Pose {
         self.base * self.model.mount_pose(q) * self.tool.tcp
+    }
+
+    /// Writes to `out` (cleared first) up to `most` configurations that bring the mount link to `target`, its pose in
+    /// the root link's frame ([`ArmModel::inverse`]), every joint as near to home as whole turns allow.
+    pub fn inverse(&self, target: &Pose, most: usize, rng: &mut Rng, out: &mut Vec<Config>) {
+        self.model.inverse(&self.limits, target, most, rng, out);
+        out.iter_mut().for_each(|q| self.model.unwind(&self.limits, &self.home, q));
     }
 
     /// The rigid group of the mount link, to which the tool belongs.

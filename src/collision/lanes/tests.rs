@@ -302,8 +302,7 @@ fn inverse_kinematics_in_batches_gives_what_is_within_limits_and_free() {
             for (target, found) in targets.iter().zip(found) {
                 let mut all = Vec::new();
                 let mount = it.base.inverse() * target * it.tool.tcp.inverse();
-                it.model.inverse(&it.limits, &mount, 4, &mut stream, &mut all);
-                all.iter_mut().for_each(|q| it.model.unwind(&it.limits, &it.home, q));
+                it.inverse(&mount, 4, &mut stream, &mut all);
                 for q in &found {
                     let reached = it.tcp_pose(q);
                     assert!((reached.translation.vector - target.translation.vector).norm() < 1e-9);
