@@ -1,10 +1,11 @@
 //! The chain from the root to the mount link alone, held joints folded in, for whatever runs
 //! often: mount pose, Jacobian, inverse kinematics.
 
-use nalgebra::{Translation3, Unit, UnitQuaternion, Vector6};
+use nalgebra::{Quaternion, Translation3, Unit, UnitQuaternion, Vector6};
 use smallvec::SmallVec;
 
 use super::model::{Link, LinkMotion};
+use super::sine::sin_cos;
 use crate::geometry::{Pose, Vec3};
 
 /// How a step of the chain moves.
@@ -136,7 +137,11 @@ impl ChainStep {
     fn advance(&self, pose: Pose, q: &[f64]) -> Pose {
         let value = self.multiplier * q[self.joint] + self.offset;
         match self.kind {
-            StepKind::Turn => pose * UnitQuaternion::from_axis_angle(&self.axis, value),
+            StepKind::Turn => {
+                let (sine, cosine) = sin_cos(value / 2.0);
+                let turn = Quaternion::from_parts(cosine, self.axis.into_inner() * sine);
+                pose * UnitQuaternion::new_unchecked(turn)
+            }
             StepKind::Slide => pose * Translation3::from(self.axis.into_inner() * value),
         }
     }

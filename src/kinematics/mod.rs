@@ -10,6 +10,7 @@ mod lever;
 mod library;
 mod model;
 mod moving_frames;
+mod sine;
 mod srdf;
 mod turns;
 mod urdf;

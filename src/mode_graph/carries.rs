@@ -70,8 +70,7 @@ impl Carries {
                     surveyor.complete = false;
                     return;
                 }
-                let all = ends.holds(surveyor, slots, action, arm);
-                if !all.is_empty() && ends.clear(surveyor, slots, action, arm, at).is_empty() {
+                if ends.is_blocked(surveyor, slots, action, arm, at) {
                     let part = BlockedPart::Contact(action, arm);
                     self.obstacles.push(Obstacle { object, part, at });
                 }
@@ -90,16 +89,20 @@ impl Carries {
                 let put = ends.holds(surveyor, slots, RestAction::Place, receiver);
                 let mut carriers = vec![giver, receiver];
                 carriers.dedup();
-                if !ends.fit(surveyor, slots, (giver, &taken), (receiver, &put)) {
+                let Some(known) = ends.fit(surveyor, slots, (giver, &taken), (receiver, &put)) else {
                     self.barred.push(BarredCarry { object, carriers });
                     continue;
-                }
+                };
                 for (action, neighbours) in [(RestAction::Pick, &at_start), (RestAction::Place, &at_goal)] {
                     for &at in neighbours {
-                        let (arm, all) = match action {
-                            RestAction::Pick => (giver, &taken),
-                            RestAction::Place => (receiver, &put),
+                        let (arm, all, known) = match action {
+                            RestAction::Pick => (giver, &taken, &known.0),
+                            RestAction::Place => (receiver, &put, &known.1),
                         };
+                        // The way that is known may do.
+                        if ends.is_clear(surveyor, slots, action, arm, at, known) {
+                            continue;
+                        }
                         let clear = ends.clear(surveyor, slots, action, arm, at);
                         // With no clear hold at all the contact is blocked, not just this carry.
                         if clear.is_empty() || clear.len() == all.len() {
@@ -109,7 +112,7 @@ impl Carries {
                             RestAction::Pick => (&clear, &put),
                             RestAction::Place => (&taken, &clear),
                         };
-                        if !ends.fit(surveyor, slots, (giver, first), (receiver, last)) {
+                        if ends.fit(surveyor, slots, (giver, first), (receiver, last)).is_none() {
                             let part = BlockedPart::Carry(action, carriers.clone());
                             self.obstacles.push(Obstacle { object, part, at });
                         }
@@ -227,21 +230,45 @@ impl Ends {
             return known.clone();
         }
         let mut holds = self.holds(surveyor, slots, action, arm);
-        let (poses, surface) = self.at(surveyor.problem, slots, action);
-        let slot = &slots.slots[at];
-        if let Some(other) = slot.start_of.or(slot.goal_of) {
-            holds.retain(|hold| {
-                poses.iter().any(|&pose| {
-                    let contact = RestContact { action, arm, object: self.object, pose, surface };
-                    surveyor.reach.is_clear(&contact, hold, other, &slot.pose)
-                })
-            });
-        }
+        holds.retain(|hold| self.is_clear(surveyor, slots, action, arm, at, hold));
         self.by(action).clear.insert((arm, at), holds.clone());
         holds
     }
 
-    /// Whether grasps fit together from the start to the goal, with the giver taking the object in one
+    /// Whether `action` can be done in `hold` although something stands in slot `at`.
+    fn is_clear(
+        &self,
+        surveyor: &mut Surveyor<'_>,
+        slots: &Slots,
+        action: RestAction,
+        arm: ArmId,
+        at: usize,
+        hold: &Hold,
+    ) -> bool {
+        let slot = &slots.slots[at];
+        let Some(other) = slot.start_of.or(slot.goal_of) else { return true };
+        let (poses, surface) = self.at(surveyor.problem, slots, action);
+        poses.iter().any(|&pose| {
+            let contact = RestContact { action, arm, object: self.object, pose, surface };
+            surveyor.reach.is_clear(&contact, hold, other, &slot.pose)
+        })
+    }
+
+    /// Whether there are [`Self::holds`], and none of them can be had while something stands in slot `at`.
+    fn is_blocked(
+        &mut self,
+        surveyor: &mut Surveyor<'_>,
+        slots: &Slots,
+        action: RestAction,
+        arm: ArmId,
+        at: usize,
+    ) -> bool {
+        let holds = self.holds(surveyor, slots, action, arm);
+        let mut clear = holds.iter().filter(|hold| self.is_clear(surveyor, slots, action, arm, at, hold));
+        clear.next().is_none() && !holds.is_empty()
+    }
+
+    /// The giver's hold and the receiver's by which grasps fit together from the start to the goal, with the giver taking the object in one
     /// hold of the first list and the receiver, which may be the same arm, placing it in one of the
     /// second.
     fn fit(
@@ -250,7 +277,7 @@ impl Ends {
         slots: &Slots,
         (giver, taken): (ArmId, &[Hold]),
         (receiver, put): (ArmId, &[Hold]),
-    ) -> bool {
+    ) -> Option<(Hold, Hold)> {
         let mut ends = RestHolds::none(surveyor.problem.workcell.arms.len());
         for (action, arm, holds) in [(RestAction::Pick, giver, taken), (RestAction::Place, receiver, put)] {
             let (poses, surface) = self.at(surveyor.problem, slots, action);
@@ -268,16 +295,17 @@ impl Ends {
             let object = (self.object, &surveyor.problem.objects[self.object.0]);
             return Finder::for_rest(surveyor.reach, &mut surveyor.meetings, object, &ends)
                 .ends_placed(giver, receiver)
-                .is_some();
+                .map(|witness| (witness.giver_hold, witness.receiver_hold));
         }
         let common = |hold: &&Hold| {
             put.iter().any(|other| is_close(&other.object_in_tcp, &hold.object_in_tcp))
                 || hold.grasp.is_none() && self.start.is_none()
         };
         let common: Vec<Hold> = taken.iter().filter(common).copied().collect();
-        common.iter().any(|hold| {
+        let found = common.into_iter().find(|hold| {
             ends.placeable[giver.0].confirm(surveyor.reach, RestAction::Place, giver, hold)
                 && ends.picked[giver.0].confirm(surveyor.reach, RestAction::Pick, giver, hold)
-        })
+        })?;
+        Some((found, found))
     }
 }

@@ -125,19 +125,10 @@ impl Way {
         let to = if approach { self.waypoints.len() } else { self.approach_start + 1 };
         let waypoints = self.waypoints.get(from..to)?;
         let curve = time_path(waypoints, self.tolerances.get(from..to)?, &arm.limits).ok()?;
-        let mut departed = 0.0;
-        let mut approaching = None;
         let departure = task.departure.as_ref().filter(|_| before);
-        if let Some(departure) = departure {
-            departed = leaves(arm, &curve, departure.line.distance);
-        }
         let goal = Some(&task.goal).filter(|_| approach);
-        if let Some(ArmGoal::Contact { approach: Some(line), .. }) = goal {
-            let distance = line.distance + EXEMPTION_MARGIN;
-            approaching = Some(curve.end_time() - leaves(arm, &curve.reversed(), distance));
-        }
-        let windows = windows(arm, departure, goal, &curve);
-        Some(Leg { curve, windows, departed, approaching })
+        let Ends { windows, departed, approaching } = Ends::new(arm, departure, goal, &curve);
+        Some(Leg { curve, windows, departed: departed.unwrap_or(0.0), approaching })
     }
 }
 
@@ -149,18 +140,40 @@ pub fn windows(
     goal: Option<&ArmGoal>,
     curve: &Curve,
 ) -> Vec<Window> {
-    let mut windows: Vec<Window> = Vec::new();
-    if let Some(departure) = departure {
-        let to = leaves(arm, curve, departure.line.distance - EXEMPTION_MARGIN);
-        windows.push(Window { from: 0.0, to, exemption: departure.exemption });
+    Ends::new(arm, departure, goal, curve).windows
+}
+
+/// The lines at both ends of a curve from 0 on.
+struct Ends {
+    /// When the contacts there are exempt.
+    windows: Vec<Window>,
+    /// When the departure line's required distance is behind the arm (s).
+    departed: Option<f64>,
+    /// When the approach line's required distance begins (s).
+    approaching: Option<f64>,
+}
+
+impl Ends {
+    fn new(arm: &Arm, departure: Option<&Departure>, goal: Option<&ArmGoal>, curve: &Curve) -> Self {
+        let mut windows: Vec<Window> = Vec::new();
+        let mut departed = None;
+        if let Some(departure) = departure {
+            let distance = departure.line.distance;
+            let [to, whole] = leaves(arm, curve, [distance - EXEMPTION_MARGIN, distance]);
+            windows.push(Window { from: 0.0, to, exemption: departure.exemption });
+            departed = Some(whole);
+        }
+        let mut approaching = None;
+        if let Some(ArmGoal::Contact { approach: Some(line), exemption, .. }) = goal {
+            let end = curve.end_time();
+            let distances = [line.distance - EXEMPTION_MARGIN, line.distance + EXEMPTION_MARGIN];
+            let [from, whole] = leaves(arm, &curve.reversed(), distances).map(|before| end - before);
+            let from = windows.last().map_or(from, |window| from.max(window.to));
+            windows.push(Window { from, to: end, exemption: *exemption });
+            approaching = Some(whole);
+        }
+        Self { windows, departed, approaching }
     }
-    if let Some(ArmGoal::Contact { approach: Some(line), exemption, .. }) = goal {
-        let end = curve.end_time();
-        let from = end - leaves(arm, &curve.reversed(), line.distance - EXEMPTION_MARGIN);
-        let from = windows.last().map_or(from, |window| from.max(window.to));
-        windows.push(Window { from, to: end, exemption: *exemption });
-    }
-    windows
 }
 
 /// Corner tolerances of a line's waypoints from the contact outwards: tight along the required
@@ -181,19 +194,28 @@ fn line_tolerances(line: &Line, free: f64) -> Vec<f64> {
         .collect()
 }
 
-/// When the TCP is first `distance` (m) away from where it starts, or the end of the curve.
-fn leaves(arm: &Arm, curve: &Curve, distance: f64) -> f64 {
+/// When the TCP is first so far (m) away from where it starts, for two ascending distances; where it never is, the end
+/// of the curve.
+fn leaves(arm: &Arm, curve: &Curve, distances: [f64; 2]) -> [f64; 2] {
     let start = arm.tcp_pose(&curve.first().q).translation.vector;
-    let beyond = |t: f64| (arm.tcp_pose(&curve.position_at(t)).translation.vector - start).norm() - distance;
-    let mut before = (curve.start_time(), -distance);
+    let away = |q: &[f64]| (arm.tcp_pose(q).translation.vector - start).norm();
+    let mut found = [curve.end_time(); 2];
+    let mut next = 0;
+    let mut before = (curve.start_time(), 0.0);
     for point in curve.points() {
-        let here = (point.t, beyond(point.t));
-        if here.1 >= 0.0 {
-            return crossing(before, here, beyond);
+        let here = (point.t, away(&point.q));
+        while next < distances.len() && here.1 >= distances[next] {
+            let beyond = |(t, apart): (f64, f64)| (t, apart - distances[next]);
+            let value = |t: f64| away(&curve.position_at(t)) - distances[next];
+            found[next] = crossing(beyond(before), beyond(here), value);
+            next += 1;
+        }
+        if next == distances.len() {
+            break;
         }
         before = here;
     }
-    curve.end_time()
+    found
 }
 
 /// Where `value` ceases to be negative between `low`, where it is, and `high`, where it is not, each

@@ -83,12 +83,6 @@ fn run(
     let mut reach = SampledReach::remembering(problem, &world, seed, compiled.memory());
     let graph = build_mode_graph(problem, &mut reach, &ModeGraphOptions::planning(), control);
     progress(observe, "guidance");
-    let bound = lower_bound(problem, seed, control);
-    if bound.infeasible {
-        let why = "no sequence of picks, places and handoffs leads to the goals, even if the arms \
-                   reached everything within their greatest reach";
-        return failed(Termination::Infeasible, why.to_owned());
-    }
     let map = match Map::new(graph) {
         Ok(map) => map,
         Err(error) => {
@@ -101,6 +95,16 @@ fn run(
         Search::new(problem, &world, map, contacts, roadmaps, settings, seed, control)
     };
     let mut search = begin(&map, reach.into_contacts());
+    let bound = OnceLock::new();
+    if !search.knows_a_way() {
+        let proved = lower_bound(problem, seed, control);
+        if proved.infeasible {
+            let why = "no sequence of picks, places and handoffs leads to the goals, even if the arms \
+                       reached everything within their greatest reach";
+            return failed(Termination::Infeasible, why.to_owned());
+        }
+        bound.get_or_init(|| proved.steps);
+    }
     // A plan in hand may do at once what is found here not to go together.
     if known.is_none() {
         search = settle(search, &others, begin, control);
@@ -112,7 +116,8 @@ fn run(
         map: search.map(),
         control,
         known,
-        bound: bound.steps,
+        bound,
+        seed,
         stop: CancelToken::new(),
         iterations: AtomicU64::new(0),
         under_way: Mutex::new(known.is_some()),
@@ -131,7 +136,7 @@ fn run(
     if let Some(Metrics { duration_s, steps, .. }) = known.map(|plan| &plan.metrics) {
         run.lock(|board| run.check_goals(board, *duration_s, *steps));
     }
-    run.search_with(problem.options.threads.max(1), search, seed);
+    run.search_with(problem.options.threads.max(1), search);
     let outcome = run.outcome();
     cache.keep(problem, &compiled);
     outcome
@@ -214,7 +219,9 @@ struct Run<'a, 'o> {
     control: &'a Control,
     /// A plan to begin from.
     known: Option<&'a Plan>,
-    bound: usize,
+    /// What the optimistic graph proves of every synchronised plan, once that was asked for.
+    bound: OnceLock<usize>,
+    seed: Seed,
     /// Raised when one thread has met a stop condition.
     stop: CancelToken,
     iterations: AtomicU64,
@@ -251,10 +258,10 @@ impl Drop for End<'_, '_, '_> {
 }
 
 impl<'a> Run<'a, '_> {
-    fn search_with(&self, threads: usize, first: Search<'a>, seed: Seed) {
+    fn search_with(&self, threads: usize, first: Search<'a>) {
         std::thread::scope(|scope| {
             for index in 1..threads {
-                let own = seed.part(index as u64);
+                let own = self.seed.part(index as u64);
                 let contacts = first.contacts().clone().with_rng(own.stream("contacts"));
                 let (settings, roadmaps) = (Settings::default(), self.roadmaps.to_vec());
                 scope.spawn(move || {
@@ -328,6 +335,11 @@ impl<'a> Run<'a, '_> {
         self.lock(|board| board.cause = board.cause.take().or_else(|| search.cause().map(str::to_owned)));
     }
 
+    /// No plan has fewer steps. The first to ask waits for it.
+    fn bound(&self) -> usize {
+        *self.bound.get_or_init(|| lower_bound(self.problem, self.seed, self.control).steps)
+    }
+
     fn lock<T>(&self, act: impl FnOnce(&mut Board<'_>) -> T) -> T {
         let mut board = self.board.lock().unwrap_or_else(PoisonError::into_inner);
         act(&mut board)
@@ -351,9 +363,12 @@ impl<'a> Run<'a, '_> {
         let elapsed_s = self.control.deadline.elapsed_s();
         self.lock(|board| {
             if elapsed_s - board.last_progress >= PROGRESS_PERIOD_S {
+                // The first plan does not wait for the proof.
+                let is_first = board.last_progress == f64::NEG_INFINITY;
                 board.last_progress = elapsed_s;
                 let phase = if board.best.is_some() { "improve" } else { "search" };
-                let steps_lower_bound = Some(self.bound);
+                let steps_lower_bound =
+                    if is_first { self.bound.get().copied() } else { Some(self.bound()) };
                 (board.observe)(PlannerEvent::Progress { elapsed_s, phase, iterations, steps_lower_bound });
             }
         });
@@ -423,7 +438,7 @@ impl<'a> Run<'a, '_> {
             self.end(board, Termination::FirstSolution);
         } else if options.stop.target_duration_s.is_some_and(|target| duration <= target) {
             self.end(board, Termination::TargetReached);
-        } else if options.objective == Objective::Steps && steps <= self.bound {
+        } else if options.objective == Objective::Steps && steps <= self.bound() {
             // Fewer steps are impossible; a shorter duration at the same steps still counts, but
             // the objective itself is at its least.
             self.end(board, Termination::Optimal);
@@ -447,7 +462,7 @@ impl<'a> Run<'a, '_> {
                 actions: candidate.actions.len(),
                 steps: candidate.steps,
                 mode_graph_optimum: optimum,
-                steps_lower_bound: self.bound,
+                steps_lower_bound: self.bound(),
                 steps_proof: proof,
                 found_after_s: 0.0,
             },

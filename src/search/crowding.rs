@@ -229,7 +229,7 @@ impl Search<'_> {
                     giver_near: &[],
                     receiver_near: &[],
                 };
-                !contacts.handoffs(&asked, HANDOFF_TRIES, 1, &mut look.rng).is_empty()
+                !contacts.first_handoffs(&asked, HANDOFF_TRIES, 1, &mut look.rng).is_empty()
             }
             _ => opposite.iter().any(|(_, hold)| *hold == choice.hold),
         };

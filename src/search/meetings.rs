@@ -14,8 +14,9 @@ use super::chain::Chain;
 use super::ground::{Grounder, GroundingFailure};
 use super::outline::Outline;
 
-/// Meetings known of each of two handoffs before they are said to clash.
-const WANTED: usize = 24;
+/// Meetings known of each of two handoffs before they are chosen from; where no two of them are apart, and before the
+/// handoffs are said to clash.
+const WANTED: [usize; 2] = [6, 24];
 
 /// Pairs of meetings that are apart to choose from.
 const CHOICE: usize = 6;
@@ -78,20 +79,29 @@ impl Grounder<'_> {
         two: &Meeting,
         others: &[Meeting],
     ) -> Option<(Meeting, Meeting)> {
-        let firsts = self.alternatives(now, one, others);
-        let seconds = self.alternatives(now, two, others);
-        let mut pairs: Vec<(&Meeting, &Meeting)> =
-            firsts.iter().flat_map(|a| seconds.iter().map(move |b| (a, b))).collect();
-        let cost = |(a, b): &(&Meeting, &Meeting)| a.contact.cost + b.contact.cost;
-        pairs.sort_by(|a, b| cost(a).total_cmp(&cost(b)));
-        let found: Vec<_> = pairs.into_iter().filter(|(a, b)| self.are_apart(a, b)).take(CHOICE).collect();
-        let first = self.rng.random_bool(0.5);
-        let (a, b) = if first { found.first() } else { found.choose(&mut self.rng) }?;
-        Some(((*a).clone(), (*b).clone()))
+        WANTED.into_iter().find_map(|wanted| {
+            let firsts = self.alternatives(now, one, others, wanted);
+            let seconds = self.alternatives(now, two, others, wanted);
+            let mut pairs: Vec<(&Meeting, &Meeting)> =
+                firsts.iter().flat_map(|a| seconds.iter().map(move |b| (a, b))).collect();
+            let cost = |(a, b): &(&Meeting, &Meeting)| a.contact.cost + b.contact.cost;
+            pairs.sort_by(|a, b| cost(a).total_cmp(&cost(b)));
+            let found: Vec<_> =
+                pairs.into_iter().filter(|(a, b)| self.are_apart(a, b)).take(CHOICE).collect();
+            let first = self.rng.random_bool(0.5);
+            let (a, b) = if first { found.first() } else { found.choose(&mut self.rng) }?;
+            Some(((*a).clone(), (*b).clone()))
+        })
     }
 
     /// Meetings in the same holds as `meeting` that are apart from `others`.
-    fn alternatives(&mut self, now: &[Config], meeting: &Meeting, others: &[Meeting]) -> Vec<Meeting> {
+    fn alternatives(
+        &mut self,
+        now: &[Config],
+        meeting: &Meeting,
+        others: &[Meeting],
+        wanted: usize,
+    ) -> Vec<Meeting> {
         let [giver, receiver] = meeting.arms;
         let asked = HandoffQuery {
             giver,
@@ -102,9 +112,9 @@ impl Grounder<'_> {
             giver_near: &now[giver.0..=giver.0],
             receiver_near: &now[receiver.0..=receiver.0],
         };
-        let tries = self.handoff_tries * WANTED / 4;
+        let tries = self.handoff_tries * wanted / 4;
         let found =
-            self.handoffs.many(self.problem, &mut self.contacts, &asked, tries, WANTED, &mut self.rng);
+            self.handoffs.many(self.problem, &mut self.contacts, &asked, tries, wanted, &mut self.rng);
         let meetings = found.into_iter().map(|contact| Meeting { contact, ..meeting.clone() });
         meetings.filter(|one| others.iter().all(|other| self.are_apart(one, other))).collect()
     }

@@ -12,8 +12,9 @@ use crate::run::{Rng, Seed};
 use crate::workcell::{ArmId, ObjectId};
 
 use super::contact::{Contact, ContactKind, ContactQuery, Grounding};
-use super::handoff::{HandoffContact, HandoffQuery, sample_handoffs};
+use super::handoff::{HandoffContact, HandoffQuery, Handoffs};
 use super::hands::Hands;
+use super::memory::{Class, ReachMemory};
 
 /// Objects farther away (m) than this are in nobody's way while one is picked or placed.
 const NEIGHBOURHOOD: f64 = 0.6;
@@ -50,7 +51,8 @@ pub struct Contacts<'a> {
     /// Whether a contact is clear of others: by arm, surface, kind and class, configuration, pose, hold, and the others
     /// with their poses.
     clear: BTreeMap<Box<[u64]>, bool>,
-    hands: Hands<'a>,
+    hands: Hands,
+    handoffs: Handoffs<'a>,
 }
 
 /// What is known of one query and one hold.
@@ -73,7 +75,16 @@ impl Entry {
 impl<'a> Contacts<'a> {
     /// A sampler that draws further contacts from `rng`.
     pub fn new(problem: &'a Problem, world: &'a CollisionWorld, rng: Rng) -> Self {
-        let hands = Hands::new(problem, world);
+        Self::remembering(problem, world, rng, Arc::default())
+    }
+
+    /// The same with what is known from other problems with an equal workcell and clearance.
+    pub(super) fn remembering(
+        problem: &'a Problem,
+        world: &'a CollisionWorld,
+        rng: Rng,
+        memory: Arc<ReachMemory>,
+    ) -> Self {
         Self {
             problem,
             world,
@@ -83,7 +94,8 @@ impl<'a> Contacts<'a> {
             roomy: BTreeMap::new(),
             promising: BTreeMap::new(),
             clear: BTreeMap::new(),
-            hands,
+            hands: Hands::new(problem),
+            handoffs: Handoffs::new(problem, world, memory),
         }
     }
 
@@ -282,7 +294,8 @@ impl<'a> Contacts<'a> {
         false
     }
 
-    /// Handoffs, sampled anew: the cheapest of a handful, with their lines.
+    /// Up to `most` handoffs, sampled with up to `tries` random poses: the cheapest of a handful, with their lines.
+    /// For a pair of holds none comes twice.
     pub fn handoffs(
         &mut self,
         query: &HandoffQuery<'_>,
@@ -290,7 +303,28 @@ impl<'a> Contacts<'a> {
         most: usize,
         rng: &mut Rng,
     ) -> Vec<HandoffContact> {
-        sample_handoffs(self.problem, self.world, &mut self.hands, query, tries, most, rng)
+        self.handoffs.sample(query, tries, most, rng)
+    }
+
+    /// [`Self::handoffs`] that depend on the question and `rng` alone, not on what was asked before.
+    pub fn first_handoffs(
+        &self,
+        query: &HandoffQuery<'_>,
+        tries: usize,
+        most: usize,
+        rng: &mut Rng,
+    ) -> Vec<HandoffContact> {
+        self.handoffs.first(query, tries, most, rng)
+    }
+
+    /// What is known of reach.
+    pub(super) fn memory(&self) -> &Arc<ReachMemory> {
+        self.handoffs.memory()
+    }
+
+    /// The class of an object in [`Self::memory`].
+    pub(super) fn class(&self, object: ObjectId) -> Class {
+        self.handoffs.class(object)
     }
 
     fn most(&self) -> usize {

@@ -1,25 +1,41 @@
 //! Grounded handoffs: two arms, one object, one pose in the air, found jointly.
 
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+use nalgebra::UnitQuaternion;
 use rand::Rng as _;
 use rand::seq::IndexedRandom;
 
 use crate::collision::{
     CollisionWorld, Exemption, Held, JointMotion as _, PathMotion, Scene, StraightMotion,
 };
-use crate::geometry::{Pose, Vec3};
-use crate::kinematics::Config;
+use crate::geometry::{PlacedShape, Pose, Vec3};
+use crate::kinematics::{Config, Reach};
 use crate::problem::Problem;
 use crate::run::Rng;
-use crate::workcell::{Arm, ArmId, ObjectId};
+use crate::workcell::{Arm, ArmId, ObjectId, ObjectModel, Symmetry, symmetry_rotations};
 
-use super::hands::Hands;
+use super::contacts::same_hand;
+use super::draws::{Draws, Grounded, MOST_DRAWN, Meeting, Sequence, Stance};
+use super::grains::Grains;
 use super::line::Line;
+use super::memory::{Class, ReachMemory};
 
 /// Random pairs of holds that are looked at before all pairs are.
 const DRAWS_OF_HOLDS: usize = 40;
 
 /// Candidates to choose from for each handoff that is wanted, where one may be nearer than another.
 const HANDFUL: usize = 6;
+
+/// Share of the arms' reach within which meetings are looked for: beyond it they would be at full stretch.
+const STRETCH: f64 = 0.9;
+
+/// Greatest reach (m) that counts, be it of an arm on an endless track.
+const GREATEST_RADIUS: f64 = 50.0;
+
+/// Places that are looked at for one that both arms may reach.
+const MOST_PLACES: usize = 64;
 
 /// Which handoff is asked for.
 #[derive(Debug, Clone)]
@@ -60,139 +76,251 @@ pub struct HandoffContact {
     pub cost: f64,
 }
 
-/// Samples handoffs with up to `tries` random object poses, and returns up to `most` of them, the
-/// cheapest first. Of each handful that inverse kinematics allows the cheapest are grounded first,
-/// until there are `most`; where nothing is said of nearness, each as it comes.
-pub(super) fn sample_handoffs(
-    problem: &Problem,
-    world: &CollisionWorld,
-    hands: &mut Hands<'_>,
-    query: &HandoffQuery<'_>,
-    tries: usize,
-    most: usize,
-    rng: &mut Rng,
-) -> Vec<HandoffContact> {
-    let arms = &problem.workcell.arms;
-    let mut sampler = Sampler {
-        world,
-        query,
-        fits: vec![None; query.giver_holds.len() * query.receiver_holds.len()],
-        giving: (0..query.giver_holds.len()).collect(),
-        taking: (0..query.receiver_holds.len()).collect(),
-        giver: &arms[query.giver.0],
-        receiver: &arms[query.receiver.0],
-        approach: problem.objects[query.object.0].approach,
-        retreat: problem.objects[query.object.0].retreat,
-        meeting_place: meeting_place(&arms[query.giver.0], &arms[query.receiver.0]),
-    };
-    let all_are_equal = query.giver_near.is_empty() && query.receiver_near.is_empty();
-    let handful_size = if all_are_equal { 1 } else { HANDFUL * most };
-    let mut found: Vec<HandoffContact> = Vec::new();
-    let mut left = tries;
-    while left > 0 && found.len() < most {
-        let mut handful = Vec::new();
-        while left > 0 && handful.len() < handful_size {
-            left -= 1;
-            match sampler.draw(hands, rng) {
-                Draw::Hit(candidate) => handful.push(*candidate),
-                Draw::Miss => {}
-                Draw::NoHolds => left = 0,
-            }
-        }
-        handful.sort_by(|a, b| a.cost.total_cmp(&b.cost));
-        for candidate in handful {
-            if found.len() >= most {
-                break;
-            }
-            found.extend(sampler.ground(&candidate));
-        }
+/// Samples handoffs, and goes through the sequence of draws of every pair of holds from its beginning on.
+#[derive(Debug, Clone)]
+pub(super) struct Handoffs<'a> {
+    problem: &'a Problem,
+    world: &'a CollisionWorld,
+    memory: Arc<ReachMemory>,
+    /// By arm, the first arm that equals it but for its place.
+    kinds: Vec<usize>,
+    /// By object, its class in the memory, and the rotations that map its shape onto itself.
+    classes: Arc<[(Class, Vec<UnitQuaternion<f64>>)]>,
+    /// How many draws were looked at: by giver and receiver, and the giver's hold and the receiver's.
+    seen: BTreeMap<(usize, usize, Grains, Grains), usize>,
+}
+
+impl<'a> Handoffs<'a> {
+    pub(super) fn new(problem: &'a Problem, world: &'a CollisionWorld, memory: Arc<ReachMemory>) -> Self {
+        let count = problem.workcell.arms.len();
+        let first =
+            |arm: usize| (0..arm).find(|&other| same_arm(problem, ArmId(other), ArmId(arm))).unwrap_or(arm);
+        // Objects of one class are alike, and digests are not free.
+        let mut numbers: BTreeMap<usize, (Class, Vec<UnitQuaternion<f64>>)> = BTreeMap::new();
+        let class = |object: &ObjectModel| {
+            let find = || (memory.class(object), rotations_of(&object.shapes));
+            numbers.entry(object.class).or_insert_with(find).clone()
+        };
+        let classes = problem.objects.iter().map(class).collect();
+        let kinds = (0..count).map(first).collect();
+        Self { problem, world, memory, kinds, classes, seen: BTreeMap::new() }
     }
-    found.sort_by(|a, b| a.cost.total_cmp(&b.cost));
-    found
+
+    pub(super) fn memory(&self) -> &Arc<ReachMemory> {
+        &self.memory
+    }
+
+    /// The class of an object in the memory.
+    pub(super) fn class(&self, object: ObjectId) -> Class {
+        self.classes[object.0].0
+    }
+
+    /// Up to `most` handoffs from up to `tries` draws, the cheapest first. Of each handful that inverse kinematics
+    /// allows the cheapest are grounded first, until there are `most`; where nothing is said of nearness, each as it
+    /// comes. Each pair of holds goes on with the draws that were not looked at yet.
+    pub(super) fn sample(
+        &mut self,
+        query: &HandoffQuery<'_>,
+        tries: usize,
+        most: usize,
+        rng: &mut Rng,
+    ) -> Vec<HandoffContact> {
+        let seen = std::mem::take(&mut self.seen);
+        let mut sampler = Sampler::new(self, query, seen);
+        let found = sampler.sample(tries, most, rng);
+        let seen = sampler.into_seen();
+        self.seen = seen;
+        found
+    }
+
+    /// [`Self::sample`] as if nothing had been looked at: what comes depends on the question and `rng` alone.
+    pub(super) fn first(
+        &self,
+        query: &HandoffQuery<'_>,
+        tries: usize,
+        most: usize,
+        rng: &mut Rng,
+    ) -> Vec<HandoffContact> {
+        Sampler::new(self, query, BTreeMap::new()).sample(tries, most, rng)
+    }
 }
 
 /// Two arms at a handoff that inverse kinematics allows, not checked for anything else.
 struct Candidate {
-    giver_hold: Pose,
-    receiver_hold: Pose,
-    giver_q: Config,
-    receiver_q: Config,
+    pair: usize,
+    meeting: Arc<Meeting>,
+    /// Which of the giver's and the receiver's configurations.
+    configurations: (usize, usize),
     cost: f64,
 }
 
 /// One draw of holds and a place.
 enum Draw {
-    Hit(Box<Candidate>),
+    Hit(Candidate),
     Miss,
     /// There is no pair of holds in which the hands fit.
     NoHolds,
 }
 
-struct Sampler<'a> {
-    world: &'a CollisionWorld,
-    query: &'a HandoffQuery<'a>,
-    /// By pair of holds, the receiver's counted within the giver's: whether both hands fit, where that
-    /// was asked.
-    fits: Vec<Option<bool>>,
-    /// The numbers of the giver's holds, and of the receiver's.
-    giving: Vec<usize>,
-    taking: Vec<usize>,
-    giver: &'a Arm,
-    receiver: &'a Arm,
-    approach: f64,
-    retreat: f64,
-    /// Centre and half extents (m) of the box from which handover positions are drawn.
-    meeting_place: (Vec3, Vec3),
+/// A pair of holds.
+struct Pair {
+    giver_hold: Pose,
+    receiver_hold: Pose,
+    stance: Stance,
+    sequence: Arc<Sequence>,
+    /// Draws of the sequence that were looked at.
+    seen: usize,
+    /// The giver's hold up to what the object's symmetry makes equal, where it was asked for.
+    like: Option<Grains>,
 }
 
-impl Sampler<'_> {
-    /// Two holds in which the hands do not touch each other; `None` when there are none.
-    fn draw_holds(&mut self, hands: &mut Hands<'_>, rng: &mut Rng) -> Option<(Pose, Pose)> {
-        let holds = |(g, r): (usize, usize)| (self.query.giver_holds[g].1, self.query.receiver_holds[r].1);
-        let fits = &mut self.fits;
-        let mut fit = |g: usize, r: usize| {
-            *fits[g * self.taking.len() + r].get_or_insert_with(|| {
-                let (giving, taking) = holds((g, r));
-                hands.fit((self.query.giver, &giving), (self.query.receiver, &taking))
-            })
-        };
-        for _ in 0..DRAWS_OF_HOLDS {
-            let (&g, &r) = (self.giving.choose(rng)?, self.taking.choose(rng)?);
-            if fit(g, r) {
-                return Some(holds((g, r)));
-            }
+struct Sampler<'s, 'q> {
+    problem: &'s Problem,
+    world: &'s CollisionWorld,
+    draws: &'s Draws,
+    kinds: (usize, usize),
+    class: &'s (Class, Vec<UnitQuaternion<f64>>),
+    query: &'q HandoffQuery<'q>,
+    giver: &'s Arm,
+    receiver: &'s Arm,
+    /// The receiver's base frame in the giver's.
+    bases: (Grains, Pose),
+    meeting_place: MeetingPlace,
+    /// By pair of holds, the receiver's counted within the giver's, where the hands fit; for those that were asked for.
+    pairs: Vec<Option<Option<Pair>>>,
+    seen: BTreeMap<(usize, usize, Grains, Grains), usize>,
+}
+
+impl<'s, 'q> Sampler<'s, 'q> {
+    fn new(
+        handoffs: &'s Handoffs<'_>,
+        query: &'q HandoffQuery<'q>,
+        seen: BTreeMap<(usize, usize, Grains, Grains), usize>,
+    ) -> Self {
+        let arms = &handoffs.problem.workcell.arms;
+        let (giver, receiver) = (&arms[query.giver.0], &arms[query.receiver.0]);
+        let bases = Grains::of(&(giver.base.inverse() * receiver.base));
+        let count = query.giver_holds.len() * query.receiver_holds.len();
+        Self {
+            problem: handoffs.problem,
+            world: handoffs.world,
+            draws: handoffs.memory.draws(),
+            kinds: (handoffs.kinds[query.giver.0], handoffs.kinds[query.receiver.0]),
+            class: &handoffs.classes[query.object.0],
+            query,
+            giver,
+            receiver,
+            meeting_place: MeetingPlace::new(giver, receiver, &bases.pose()),
+            bases: (bases, bases.pose()),
+            pairs: std::iter::repeat_with(|| None).take(count).collect(),
+            seen,
         }
-        let all = self.giving.iter().flat_map(|&g| self.taking.iter().map(move |&r| (g, r)));
-        let fitting: Vec<(usize, usize)> = all.filter(|&(g, r)| fit(g, r)).collect();
-        fitting.choose(rng).map(|&pair| holds(pair))
     }
 
-    fn draw(&mut self, hands: &mut Hands<'_>, rng: &mut Rng) -> Draw {
-        let Some((giver_hold, receiver_hold)) = self.draw_holds(hands, rng) else { return Draw::NoHolds };
-        let (centre, spread) = self.meeting_place;
-        let place = Vec3::from_fn(|i, _| centre[i] + spread[i] * rng.random_range(-1.0..1.0));
-        let pose = Pose::from_parts(place.into(), random_rotation(rng));
-        let mut solve = |arm: &Arm, hold: &Pose| {
-            let target = arm.base.inverse() * pose * hold.inverse() * arm.tool.tcp.inverse();
-            let mut solutions = Vec::new();
-            arm.inverse(&target, 2, rng, &mut solutions);
-            solutions
-        };
-        let giving = solve(self.giver, &giver_hold);
-        if giving.is_empty() {
-            return Draw::Miss;
+    fn sample(&mut self, tries: usize, most: usize, rng: &mut Rng) -> Vec<HandoffContact> {
+        let all_are_equal = self.query.giver_near.is_empty() && self.query.receiver_near.is_empty();
+        let handful_size = if all_are_equal { 1 } else { HANDFUL * most };
+        let mut found: Vec<HandoffContact> = Vec::new();
+        let mut left = tries;
+        while left > 0 && found.len() < most {
+            let mut handful = Vec::new();
+            while left > 0 && handful.len() < handful_size {
+                left -= 1;
+                match self.draw(rng) {
+                    Draw::Hit(candidate) => handful.push(candidate),
+                    Draw::Miss => {}
+                    Draw::NoHolds => left = 0,
+                }
+            }
+            handful.sort_by(|a, b| a.cost.total_cmp(&b.cost));
+            for candidate in handful {
+                if found.len() >= most {
+                    break;
+                }
+                found.extend(self.ground(&candidate));
+            }
         }
-        let taking = solve(self.receiver, &receiver_hold);
-        let this = &*self;
-        let pairs = giving.iter().flat_map(|g| taking.iter().map(move |r| (this.cost(g, r), g, r)));
-        match pairs.min_by(|a, b| a.0.total_cmp(&b.0)) {
-            Some((cost, g, r)) => Draw::Hit(Box::new(Candidate {
-                giver_hold,
-                receiver_hold,
-                giver_q: g.clone(),
-                receiver_q: r.clone(),
-                cost,
-            })),
+        found.sort_by(|a, b| a.cost.total_cmp(&b.cost));
+        found
+    }
+
+    /// How far every pair of holds has come.
+    fn into_seen(mut self) -> BTreeMap<(usize, usize, Grains, Grains), usize> {
+        for pair in self.pairs.iter().flatten().flatten().filter(|pair| pair.seen > 0) {
+            self.seen.insert(seen_key(self.query, &pair.giver_hold, &pair.receiver_hold), pair.seen);
+        }
+        self.seen
+    }
+
+    /// Whether both hands fit around the object in the pair of holds with this number.
+    fn fits(&mut self, pair: usize) -> bool {
+        if self.pairs[pair].is_none() {
+            self.pairs[pair] = Some(self.begin(pair));
+        }
+        matches!(self.pairs[pair], Some(Some(_)))
+    }
+
+    fn begin(&self, pair: usize) -> Option<Pair> {
+        let query = self.query;
+        let (g, r) = (pair / query.receiver_holds.len(), pair % query.receiver_holds.len());
+        let (giver_hold, receiver_hold) = (query.giver_holds[g].1, query.receiver_holds[r].1);
+        let hands = Grains::of(&(giver_hold * receiver_hold.inverse()));
+        let stance = Stance { kinds: self.kinds, bases: self.bases.0, hands };
+        let sequence = self.draws.of(&stance);
+        if !sequence.fits(|| self.world.hands_apart(query.giver, query.receiver, &hands.pose())) {
+            return None;
+        }
+        let seen = self.seen.get(&seen_key(query, &giver_hold, &receiver_hold)).copied().unwrap_or(0);
+        Some(Pair { giver_hold, receiver_hold, stance, sequence, seen, like: None })
+    }
+
+    /// Two holds in which the hands do not touch each other; `None` when there are none.
+    fn draw_holds(&mut self, rng: &mut Rng) -> Option<usize> {
+        let count = self.pairs.len();
+        if count == 0 {
+            return None;
+        }
+        for _ in 0..DRAWS_OF_HOLDS {
+            let pair = rng.random_range(0..count);
+            if self.fits(pair) {
+                return Some(pair);
+            }
+        }
+        let fitting: Vec<usize> = (0..count).filter(|&pair| self.fits(pair)).collect();
+        fitting.choose(rng).copied()
+    }
+
+    fn draw(&mut self, rng: &mut Rng) -> Draw {
+        let Some(number) = self.draw_holds(rng) else { return Draw::NoHolds };
+        let (draws, giver, receiver) = (self.draws, self.giver, self.receiver);
+        let (place, bases) = (&self.meeting_place, &self.bases.1);
+        let Some(Some(pair)) = &mut self.pairs[number] else { return Draw::NoHolds };
+        let hands = pair.stance.hands.pose();
+        let solve = |rng: &mut Rng| {
+            let tcp = Pose::from_parts(place.draw(rng)?.into(), random_rotation(rng));
+            let mut solve = |arm: &Arm, tcp: Pose| {
+                let mut solutions = Vec::new();
+                arm.inverse(&(tcp * arm.tool.tcp.inverse()), 2, rng, &mut solutions);
+                (!solutions.is_empty()).then_some(solutions)
+            };
+            let giving = solve(giver, tcp)?;
+            Some(Meeting::new(giving, solve(receiver, bases.inverse() * tcp * hands)?))
+        };
+        let meeting = if pair.seen < MOST_DRAWN {
+            pair.seen += 1;
+            pair.sequence.get(&pair.stance, pair.seen - 1, draws, solve)
+        } else {
+            solve(rng).map(Arc::new)
+        };
+        let Some(meeting) = meeting else { return Draw::Miss };
+        let (giving, taking) = (meeting.giving.iter().enumerate(), meeting.taking.iter().enumerate());
+        let pairs = giving.flat_map(|(g, p)| taking.clone().map(move |(r, q)| ((g, r), p, q)));
+        let costs = pairs.map(|(configurations, p, q)| (configurations, self.cost(p, q)));
+        match costs.min_by(|a, b| a.1.total_cmp(&b.1)) {
+            Some((configurations, cost)) => {
+                let meeting = meeting.clone();
+                Draw::Hit(Candidate { pair: number, meeting, configurations, cost })
+            }
             None => Draw::Miss,
         }
     }
@@ -205,9 +333,46 @@ impl Sampler<'_> {
     }
 
     /// Completes one candidate with its lines, if it is free of collision.
-    fn ground(&self, candidate: &Candidate) -> Option<HandoffContact> {
-        let Candidate { giver_hold, receiver_hold, giver_q, receiver_q, cost } = candidate;
+    fn ground(&mut self, candidate: &Candidate) -> Option<HandoffContact> {
+        let Candidate { pair, meeting, configurations, cost } = candidate;
+        let (class, rotations) = self.class;
+        let Some(Some(pair)) = &mut self.pairs[*pair] else { return None };
+        let like = *pair.like.get_or_insert_with(|| {
+            let turned = rotations.iter().map(|rotation| Grains::of(&(pair.giver_hold * rotation)));
+            turned.min().unwrap_or_else(|| Grains::of(&pair.giver_hold))
+        });
+        let (giver_hold, receiver_hold) = (pair.giver_hold, pair.receiver_hold);
+        let hands = pair.stance.hands.pose();
+        let (p, q) = (&meeting.giving[configurations.0], &meeting.taking[configurations.1]);
+        let asked = Grounded {
+            arms: (self.query.giver, self.query.receiver),
+            class: *class,
+            giver_hold: like,
+            configurations: *configurations,
+        };
+        let lines = meeting.lines(asked, self.draws, || {
+            let giving = like.pose();
+            self.lines((p, &giving), (q, &(hands.inverse() * giving)))
+        })?;
+        Some(HandoffContact {
+            giver_hold,
+            receiver_hold,
+            giver_q: p.clone(),
+            receiver_q: q.clone(),
+            giver_retreat: lines.0.clone(),
+            receiver_approach: lines.1.clone(),
+            cost: *cost,
+        })
+    }
+
+    /// The giver's line after the release and the receiver's before the grasp, if all is free of collision.
+    fn lines(
+        &self,
+        (giver_q, giver_hold): (&Config, &Pose),
+        (receiver_q, receiver_hold): (&Config, &Pose),
+    ) -> Option<(Line, Line)> {
         let (world, query) = (self.world, self.query);
+        let object = &self.problem.objects[query.object.0];
         let empty = Scene::default();
         let none = Exemption::default();
         let touching = Exemption { hand_with: Some(query.object), held_with: None };
@@ -227,9 +392,10 @@ impl Sampler<'_> {
             return None;
         }
         let backwards = |arm: &Arm, q: &[f64]| -(arm.tcp_pose(q).rotation * Vec3::z());
-        let giver_retreat = Line::follow(self.giver, giver_q, &backwards(self.giver, giver_q), self.retreat)?;
+        let giver_retreat =
+            Line::follow(self.giver, giver_q, &backwards(self.giver, giver_q), object.retreat)?;
         let receiver_approach =
-            Line::follow(self.receiver, receiver_q, &backwards(self.receiver, receiver_q), self.approach)?;
+            Line::follow(self.receiver, receiver_q, &backwards(self.receiver, receiver_q), object.approach)?;
         let giver_rests = StraightMotion::rest(giver_q);
         let receiver_rests = StraightMotion::rest(receiver_q);
         let (approach, retreat) =
@@ -247,30 +413,79 @@ impl Sampler<'_> {
                 (query.receiver, &receiver_rests, Some(&taking), none),
                 retreat.span(),
             );
-        free.then(|| HandoffContact {
-            giver_hold: *giver_hold,
-            receiver_hold: *receiver_hold,
-            giver_q: giver_q.clone(),
-            receiver_q: receiver_q.clone(),
-            giver_retreat,
-            receiver_approach,
-            cost: *cost,
-        })
+        free.then_some((giver_retreat, receiver_approach))
     }
 }
 
-/// Centre and half extents (m) of the box that holds what both arms may reach, less its outer
-/// parts, where they would be at full stretch.
-fn meeting_place(giver: &Arm, receiver: &Arm) -> (Vec3, Vec3) {
-    let ball = |arm: &Arm| {
-        let (centre, radius) = arm.model.greatest_reach();
-        let tool = arm.tool.tcp.translation.vector.norm();
-        (arm.base.rotation * centre + arm.base.translation.vector, radius + tool)
-    };
-    let ((a, ra), (b, rb)) = (ball(giver), ball(receiver));
-    let low = (a - Vec3::repeat(ra)).sup(&(b - Vec3::repeat(rb)));
-    let high = (a + Vec3::repeat(ra)).inf(&(b + Vec3::repeat(rb)));
-    ((low + high) / 2.0, ((high - low) * 0.4).map(|x| x.max(0.0)))
+/// Whose draws were looked at how far.
+fn seen_key(query: &HandoffQuery<'_>, giver_hold: &Pose, receiver_hold: &Pose) -> (usize, usize, Grains, Grains) {
+    (query.giver.0, query.receiver.0, Grains::of(giver_hold), Grains::of(receiver_hold))
+}
+
+/// Whether two arms are the same but for where they stand.
+fn same_arm(problem: &Problem, a: ArmId, b: ArmId) -> bool {
+    let (first, second) = (&problem.workcell.arms[a.0], &problem.workcell.arms[b.0]);
+    same_hand(problem, a, b) && first.limits == second.limits && first.home == second.home
+}
+
+/// The rotations about the object's frame that map the shape of an object onto itself, the identity first.
+fn rotations_of(shapes: &[PlacedShape]) -> Vec<UnitQuaternion<f64>> {
+    match shapes {
+        [one] if one.pose == Pose::identity() => symmetry_rotations(Symmetry::Box, shapes),
+        _ => vec![UnitQuaternion::identity()],
+    }
+}
+
+/// Where two arms' TCPs may come together, in the giver's base frame: in both of two balls.
+struct MeetingPlace {
+    /// Centres (m) and radii (m).
+    balls: [(Vec3, f64); 2],
+    /// Its z axis points from the giver's centre to the receiver's.
+    along: UnitQuaternion<f64>,
+    /// Range of z from the giver's centre (m), and the greatest distance (m) from the axis.
+    range: (f64, f64),
+    aside: f64,
+}
+
+impl MeetingPlace {
+    /// Of two arms, of which the receiver's base is at `bases` in the giver's base frame.
+    fn new(giver: &Arm, receiver: &Arm, bases: &Pose) -> Self {
+        let ball = |arm: &Arm| {
+            let Reach { centre, radius } = arm.model.reach_within(&arm.limits);
+            let tool = arm.tool.tcp.translation.vector.norm();
+            (centre, (STRETCH * (radius + tool)).min(GREATEST_RADIUS))
+        };
+        let (a, (b, rb)) = (ball(giver), ball(receiver));
+        let b = ((bases * nalgebra::Point3::from(b)).coords, rb);
+        let between = b.0 - a.0;
+        let apart = between.norm();
+        let along = UnitQuaternion::rotation_between(&Vec3::z(), &between)
+            .unwrap_or_else(|| UnitQuaternion::from_axis_angle(&Vec3::x_axis(), std::f64::consts::PI));
+        let range = ((-a.1).max(apart - b.1), a.1.min(apart + b.1));
+        // Where the spheres cross, if it is between the centres.
+        let crossing = (apart * apart + a.1 * a.1 - b.1 * b.1) / (2.0 * apart);
+        let narrow = (0.0..=apart).contains(&crossing);
+        let aside = if narrow { (a.1 * a.1 - crossing * crossing).max(0.0).sqrt() } else { a.1.min(b.1) };
+        Self { balls: [a, b], along, range, aside }
+    }
+
+    /// A random place, uniformly distributed; `None` where there is none.
+    fn draw(&self, rng: &mut Rng) -> Option<Vec3> {
+        let (low, high) = self.range;
+        if low >= high || self.aside <= 0.0 {
+            return None;
+        }
+        for _ in 0..MOST_PLACES {
+            let mut within = |half: f64| half * rng.random_range(-1.0..1.0);
+            let (x, y) = (within(self.aside), within(self.aside));
+            let offset = Vec3::new(x, y, rng.random_range(low..high));
+            let place = self.balls[0].0 + self.along * offset;
+            if self.balls.iter().all(|(centre, radius)| (place - centre).norm_squared() <= radius * radius) {
+                return Some(place);
+            }
+        }
+        None
+    }
 }
 
 /// Least time (s) from `from` to `to` at the joints' greatest speeds.

@@ -8,8 +8,11 @@ use crate::workcell::Arm;
 /// at its end may be rounded without leaving the line too early.
 pub const LINE_RUNOUT: f64 = 0.02;
 
-/// Cartesian distance (m) between waypoints of a line.
-const SPACING: f64 = 0.02;
+/// Greatest distance (m) between waypoints of a line.
+const SPACING: f64 = 0.035;
+
+/// Pieces that are longer (m) are halved where they are not straight enough.
+const LEAST_HALVED: f64 = 0.02;
 
 /// Greatest deviation (m) of the TCP from the line between two waypoints.
 const GREATEST_SAG: f64 = 0.001;
@@ -37,14 +40,21 @@ impl Line {
         let start = arm.tcp_pose(q);
         let mut waypoints = vec![Config::from_slice(q)];
         let pieces = (distance / SPACING).ceil().max(1.0) as usize;
-        for piece in 1..=pieces {
-            let along = distance * piece as f64 / pieces as f64;
+        let length = distance / pieces as f64;
+        let mut advance = |along: f64| {
             let previous = waypoints.last()?;
             let next = step(arm, &start, direction, along, previous)?;
-            if !is_straight(arm, &start, direction, previous, &next) {
-                return None;
+            is_straight(arm, &start, direction, previous, &next).then(|| waypoints.push(next))
+        };
+        for piece in 1..=pieces {
+            let along = distance * piece as f64 / pieces as f64;
+            if advance(along).is_none() {
+                if length <= LEAST_HALVED {
+                    return None;
+                }
+                advance(along - length / 2.0)?;
+                advance(along)?;
             }
-            waypoints.push(next);
         }
         let last = waypoints.last()?.clone();
         let mut runs_out = false;

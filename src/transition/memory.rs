@@ -15,6 +15,7 @@ use crate::mode_graph::{HandoffWitness, Hold, RestAction};
 use crate::workcell::{ArmId, ObjectModel, SurfaceId};
 
 use super::contacts::bits;
+use super::draws::Draws;
 
 /// Answers about rest that are kept at most; beyond it all are forgotten.
 const MOST_REACHES: usize = 200_000;
@@ -87,7 +88,10 @@ impl HandoffQuestion {
 
 /// Answers to questions of reach, bounded in number, shared by threads and runs.
 #[derive(Debug, Default)]
-pub struct ReachMemory(Mutex<Known>);
+pub struct ReachMemory {
+    known: Mutex<Known>,
+    draws: Draws,
+}
 
 #[derive(Debug, Default)]
 struct Known {
@@ -104,7 +108,12 @@ impl ReachMemory {
     }
 
     fn known(&self) -> MutexGuard<'_, Known> {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+        self.known.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Where arms were found to meet.
+    pub(super) fn draws(&self) -> &Draws {
+        &self.draws
     }
 
     /// The number of the class of `object`, by all that matters to reach.

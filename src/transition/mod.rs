@@ -7,6 +7,8 @@
 
 mod contact;
 mod contacts;
+mod draws;
+mod grains;
 mod handoff;
 mod hands;
 mod line;

@@ -13,7 +13,7 @@ use crate::workcell::{ArmId, ObjectId, SurfaceId};
 use super::contact::{ContactKind, ContactQuery};
 use super::contacts::{Contacts, bits};
 use super::handoff::HandoffQuery;
-use super::memory::{Class, HandoffQuestion, Matter, ReachMemory, RestQuestion};
+use super::memory::{HandoffQuestion, Matter, ReachMemory, RestQuestion};
 
 /// Object poses tried before a handoff counts as impossible.
 const HANDOFF_TRIES: usize = 400;
@@ -23,9 +23,6 @@ const HANDOFF_TRIES: usize = 400;
 #[derive(Debug)]
 pub struct SampledReach<'a> {
     contacts: Contacts<'a>,
-    memory: Arc<ReachMemory>,
-    /// By object, its class in the memory.
-    classes: Vec<Class>,
 }
 
 impl<'a> SampledReach<'a> {
@@ -42,15 +39,7 @@ impl<'a> SampledReach<'a> {
         seed: Seed,
         memory: Arc<ReachMemory>,
     ) -> Self {
-        let contacts = Contacts::new(problem, world, seed.stream("reach/contacts"));
-        // Objects of one class are alike, and digests are not free.
-        let mut numbers: std::collections::BTreeMap<usize, Class> = std::collections::BTreeMap::new();
-        let classes = problem
-            .objects
-            .iter()
-            .map(|object| *numbers.entry(object.class).or_insert_with(|| memory.class(object)))
-            .collect();
-        Self { contacts, memory, classes }
+        Self { contacts: Contacts::remembering(problem, world, seed.stream("reach/contacts"), memory) }
     }
 
     /// The contacts found on the way.
@@ -59,11 +48,11 @@ impl<'a> SampledReach<'a> {
     }
 
     fn remembered(&mut self, question: RestQuestion, find: impl FnOnce(&mut Contacts<'a>) -> bool) -> bool {
-        if let Some(answer) = self.memory.rest(&question) {
+        if let Some(answer) = self.contacts.memory().rest(&question) {
             return answer;
         }
         let answer = find(&mut self.contacts);
-        self.memory.learn_rest(question, answer);
+        self.contacts.memory().learn_rest(question, answer);
         answer
     }
 }
@@ -110,7 +99,7 @@ impl Reach for SampledReach<'_> {
         let query = contact_query(action, arm, object, pose, surface);
         let find = |contacts: &mut Contacts<'_>| contacts.has(&query, &hold.object_in_tcp);
         let Some(grasp) = hold.grasp else { return find(&mut self.contacts) };
-        let class = self.classes[object.0];
+        let class = self.contacts.class(object);
         self.remembered(RestQuestion::new(class, action, arm, surface, pose, Matter::Grasp(grasp)), find)
     }
 
@@ -123,7 +112,7 @@ impl Reach for SampledReach<'_> {
         surface: SurfaceId,
     ) -> bool {
         let query = contact_query(action, arm, object, pose, surface);
-        let question = RestQuestion::new(self.classes[object.0], action, arm, surface, pose, Matter::Any);
+        let question = RestQuestion::new(self.contacts.class(object), action, arm, surface, pose, Matter::Any);
         self.remembered(question, |contacts| contacts.any(&query))
     }
 
@@ -136,7 +125,7 @@ impl Reach for SampledReach<'_> {
         surface: SurfaceId,
     ) -> bool {
         let query = contact_query(action, arm, object, pose, surface);
-        let class = self.classes[object.0];
+        let class = self.contacts.class(object);
         let question = RestQuestion::new(class, action, arm, surface, pose, Matter::Estimate);
         self.remembered(question, |contacts| contacts.seems_possible(&query))
     }
@@ -165,9 +154,9 @@ impl Reach for SampledReach<'_> {
         giver_holds: &[Hold],
         receiver_holds: &[Hold],
     ) -> Option<HandoffWitness> {
-        let class = self.classes[object.0];
+        let class = self.contacts.class(object);
         let question = HandoffQuestion::new(class, (giver, giver_holds), (receiver, receiver_holds));
-        if let Some(known) = question.as_ref().and_then(|question| self.memory.handoff(question)) {
+        if let Some(known) = question.as_ref().and_then(|question| self.contacts.memory().handoff(question)) {
             return known;
         }
         let holds = |holds: &[Hold]| -> Vec<(usize, Pose)> {
@@ -183,7 +172,7 @@ impl Reach for SampledReach<'_> {
             giver_near: &[],
             receiver_near: &[],
         };
-        let found = self.contacts.handoffs(&query, HANDOFF_TRIES, 1, &mut stream(&query));
+        let found = self.contacts.first_handoffs(&query, HANDOFF_TRIES, 1, &mut stream(&query));
         let named = |holds: &[Hold], pose: &Pose| {
             let same = |hold: &&Hold| hold.object_in_tcp == *pose;
             holds.iter().find(same).copied().unwrap_or(Hold { grasp: None, object_in_tcp: *pose })
@@ -195,7 +184,7 @@ impl Reach for SampledReach<'_> {
             receiver_q: contact.receiver_q,
         });
         if let Some(question) = question {
-            self.memory.learn_handoff(question, witness.clone());
+            self.contacts.memory().learn_handoff(question, witness.clone());
         }
         witness
     }

@@ -9,7 +9,7 @@
 
 use std::f64::consts::TAU;
 
-use nalgebra::{Matrix3, Rotation3};
+use nalgebra::Matrix3;
 use smallvec::SmallVec;
 
 use super::angles::{fit, turn_between};
@@ -17,6 +17,7 @@ use super::euler::{AxisTriple, Side};
 use crate::geometry::{Pose, Vec3};
 use crate::kinematics::JointLimits;
 use crate::kinematics::chain::Chain;
+use crate::kinematics::sine::sin_cos;
 
 /// Axes count as meeting when they pass each other within this distance (m).
 const MEETING_TOLERANCE: f64 = 1e-7;
@@ -199,7 +200,7 @@ impl SphericalSeven {
         direction: &Vec3,
         before: Option<&Matrix3<f64>>,
     ) -> (Matrix3<f64>, Matrix3<f64>) {
-        let bent = *Rotation3::from_axis_angle(&self.elbow_axis, q4).matrix();
+        let bent = turn_about(&self.elbow_axis, q4);
         let unturned = self.upper + bent * self.lower;
         let start = before.map_or(unturned, |rotation| rotation * unturned);
         let mut carried = least_rotation(&start, direction);
@@ -212,19 +213,25 @@ impl SphericalSeven {
     /// The rotation that joints 1 to 3 make at `q`.
     fn shoulder_rotation(&self, q: &[f64]) -> Matrix3<f64> {
         // In the triple's frame: turns about z, y, z.
-        let turn =
-            |axis: &nalgebra::Unit<Vec3>, angle: f64| *Rotation3::from_axis_angle(axis, angle).matrix();
-        self.shoulder.frame
-            * turn(&Vec3::z_axis(), q[0])
-            * turn(&Vec3::y_axis(), q[1] + self.shoulder.shift)
-            * turn(&Vec3::z_axis(), q[2])
-            * self.shoulder.end.transpose()
+        let [(s1, c1), (s2, c2), (s3, c3)] = [q[0], q[1] + self.shoulder.shift, q[2]].map(sin_cos);
+        let turns = Matrix3::new(
+            c1 * c2 * c3 - s1 * s3,
+            -c1 * c2 * s3 - s1 * c3,
+            c1 * s2,
+            s1 * c2 * c3 + c1 * s3,
+            c1 * c3 - s1 * c2 * s3,
+            s1 * s2,
+            -s2 * c3,
+            s2 * s3,
+            c2,
+        );
+        self.shoulder.frame * turns * self.shoulder.end.transpose()
     }
 
     /// The branches of one elbow at `psi`, before limits; where angles are not determined
     /// (singular shoulder or wrist), joints 1 and 5 stay at `hold`.
     pub fn angles(&self, aim: &ElbowAim, psi: f64, hold: &[f64; 7]) -> ElbowAngles {
-        self.angles_at(aim, psi.sin_cos(), hold)
+        self.angles_at(aim, sin_cos(psi), hold)
     }
 
     fn angles_at(&self, aim: &ElbowAim, (sine, cosine): (f64, f64), hold: &[f64; 7]) -> ElbowAngles {
@@ -253,7 +260,7 @@ impl SphericalSeven {
         hold: &[f64; 7],
         middles: &Middles,
     ) -> Option<ElbowAngles> {
-        let (sine, cosine) = psi.sin_cos();
+        let (sine, cosine) = sin_cos(psi);
         let may_be = |swing: &Swing, [least, most]: [f64; 2]| {
             (least..=most).contains(&swing.entry((2, 2), cosine, sine))
         };
@@ -313,6 +320,24 @@ impl SphericalSeven {
         let side = |angle: f64| if angle.sin() >= 0.0 { Side::Positive } else { Side::Negative };
         (side(q[1] + self.shoulder.shift), side(q[5] + self.wrist.shift))
     }
+}
+
+/// The turn by `angle` (rad) about `axis` (Rodrigues).
+fn turn_about(axis: &nalgebra::Unit<Vec3>, angle: f64) -> Matrix3<f64> {
+    let (sine, cosine) = sin_cos(angle);
+    let (x, y, z) = (axis.x, axis.y, axis.z);
+    let (a, b, c) = (x * (1.0 - cosine), y * (1.0 - cosine), z * (1.0 - cosine));
+    Matrix3::new(
+        a * x + cosine,
+        a * y - z * sine,
+        a * z + y * sine,
+        b * x + z * sine,
+        b * y + cosine,
+        b * z - x * sine,
+        c * x - y * sine,
+        c * y + x * sine,
+        c * z + cosine,
+    )
 }
 
 /// Which of two elbow angles (rad) is nearest to `q4`.
@@ -375,7 +400,7 @@ impl Swing {
             [self.constant[index], self.even[index], self.odd[index]]
         };
         for bound in bounded(0) {
-            let (s, c) = bound.sin_cos();
+            let (s, c) = sin_cos(bound);
             vanishing(combine(entry(0, 2), s, entry(1, 2), -c), cuts);
         }
         for bound in bounded(1) {
@@ -383,7 +408,7 @@ impl Swing {
             vanishing([constant - (bound + shift).cos(), even, odd], cuts);
         }
         for bound in bounded(2) {
-            let (s, c) = bound.sin_cos();
+            let (s, c) = sin_cos(bound);
             vanishing(combine(entry(2, 0), s, entry(2, 1), c), cuts);
         }
     }

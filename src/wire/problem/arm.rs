@@ -4,6 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
 use super::context::{Context, Named};
+use super::known_robots::{OverlapKey, overlapping};
 use super::robot::{LoadedModel, ModelCache, RobotSpec, read_joint_values, read_limits};
 use super::shape::{read_shape, shape_bits};
 use super::statics::optional_pose;
@@ -17,19 +18,10 @@ use crate::workcell::{Arm, Tool};
 /// A missing acceleration limit is this many times the velocity limit, per second.
 const DEFAULT_ACCELERATION_FACTOR: f64 = 5.0;
 
-/// Pairs of rigid groups that overlap almost always, and everything that decides them.
-struct Overlapping {
-    model: Arc<ArmModel>,
-    tool: Vec<u64>,
-    limits: Vec<JointLimits>,
-    pairs: Vec<GroupPair>,
-}
-
 /// Reads arms that share robots.
 pub struct ArmReader<'s> {
     robots: &'s BTreeMap<String, Option<RobotSpec>>,
     models: ModelCache,
-    overlapping: Vec<Overlapping>,
     warned: BTreeSet<String>,
     /// Joints on the chain of some arm of each robot.
     chains: BTreeMap<String, BTreeSet<String>>,
@@ -49,7 +41,6 @@ pub fn read_arms(
     let mut reader = ArmReader {
         robots,
         models: ModelCache::default(),
-        overlapping: Vec::new(),
         warned: BTreeSet::new(),
         chains: BTreeMap::new(),
     };
@@ -197,26 +188,16 @@ impl ArmReader<'_> {
         let model = &loaded.model;
         let mut pairs: BTreeSet<GroupPair> = contacts::neighbours(model).into_iter().collect();
         pairs.extend(loaded.disabled.iter().copied());
-        let bits = shape_bits(&tool.shapes);
-        let known = self
-            .overlapping
-            .iter()
-            .find(|known| Arc::ptr_eq(&known.model, model) && known.tool == bits && known.limits == limits);
-        let found = match known {
-            Some(known) => known.pairs.clone(),
-            None => {
-                let mut rng = Seed(0).stream("workcell/contacts");
-                let found =
-                    contacts::almost_always_overlapping(model, &tool.shapes, limits, &pairs, &mut rng);
-                self.overlapping.push(Overlapping {
-                    model: Arc::clone(model),
-                    tool: bits,
-                    limits: limits.to_vec(),
-                    pairs: found.clone(),
-                });
-                found
-            }
+        let key = OverlapKey {
+            model: Arc::clone(model),
+            tool: shape_bits(&tool.shapes),
+            limits: limits.to_vec(),
+            exempt: pairs.iter().copied().collect(),
         };
+        let found = overlapping(key, || {
+            let mut rng = Seed(0).stream("workcell/contacts");
+            contacts::almost_always_overlapping(model, &tool.shapes, limits, &pairs, &mut rng)
+        });
         for (a, b) in &found {
             let message = format!(
                 "{} and {} overlap in more than 95 % of 1,000 random configurations and are not checked \

@@ -5,6 +5,7 @@ mod bodies;
 mod checks;
 mod context;
 mod draft;
+mod known_robots;
 mod limits;
 mod meshes;
 mod object;

@@ -1,11 +1,12 @@
 //! Robots: their URDF and SRDF text, and the arm models that are loaded from them.
 
-use std::cell::RefCell;
+use std::cell::{Cell, RefCell};
 use std::collections::{BTreeMap, BTreeSet};
 use std::rc::Rc;
 use std::sync::Arc;
 
 use super::context::Context;
+use super::known_robots;
 use super::meshes::{Meshes, code_of};
 use crate::geometry::{ConvexHull, Vec3};
 use crate::kinematics::{
@@ -315,8 +316,23 @@ impl ModelCache {
         let mut usable = true;
         let mut left = MAX_UNKNOWN_JOINTS;
         let (model, warnings) = loop {
+            let key = known_robots::ModelKey {
+                name: spec.name.clone(),
+                urdf: spec.urdf.text.clone(),
+                mount: mount.to_owned(),
+                held: held.clone(),
+            };
+            if let Some(known) = known_robots::model(&key) {
+                break known;
+            }
             match ArmModel::from_urdf(&spec.name, &spec.urdf.text, mount, &held, &meshes) {
-                Ok(loaded) => break loaded,
+                Ok((model, warnings)) => {
+                    let loaded = (Arc::new(model), warnings);
+                    if meshes.is_untouched() {
+                        known_robots::keep_model(key, &loaded);
+                    }
+                    break loaded;
+                }
                 Err(error) => {
                     self.note(&error, spec, mount_pointer, home, context);
                     usable = false;
@@ -359,7 +375,7 @@ impl ModelCache {
                 }
             },
         };
-        Some(LoadedModel { model: Arc::new(model), disabled })
+        Some(LoadedModel { model, disabled })
     }
 
     /// Notes a fault of a robot once, however many arms it has.
@@ -419,11 +435,17 @@ struct UrdfMeshes<'a> {
     meshes: Rc<Meshes<'a>>,
     spec: &'a RobotSpec,
     digests: RefCell<BTreeMap<String, String>>,
+    asked: Cell<bool>,
 }
 
 impl<'a> UrdfMeshes<'a> {
     fn new(meshes: Rc<Meshes<'a>>, spec: &'a RobotSpec) -> Self {
-        Self { meshes, spec, digests: RefCell::default() }
+        Self { meshes, spec, digests: RefCell::default(), asked: Cell::new(false) }
+    }
+
+    /// Whether nobody asked for a mesh.
+    fn is_untouched(&self) -> bool {
+        !self.asked.get()
     }
 
     /// Digest of the URDF and all meshes that it refers to; `None` without meshes.
@@ -442,6 +464,7 @@ impl<'a> UrdfMeshes<'a> {
 
 impl MeshResolver for UrdfMeshes<'_> {
     fn hull(&self, uri: &str, scale: &Vec3) -> Result<Arc<ConvexHull>, MeshError> {
+        self.asked.set(true);
         let path = resolve_uri(uri, &self.spec.folder, &self.spec.packages);
         let mesh = path.and_then(|path| self.meshes.get(&path, scale)).map_err(|error| match error {
             ResourceError::TooLarge(_) => MeshError::TooLarge,
