@@ -37,10 +37,12 @@ impl Search<'_> {
         attempts: usize,
         control: &Control,
     ) -> Result<Moved, Setback> {
-        // With many objects what failed is mended, and the ways of the others are kept where they still have the same
-        // to do. To look at all arms as one robot is dearer than to do the rest without those that failed.
+        // Before there is a plan what failed is mended, and the ways of the others are kept where they still have the
+        // same to do. With many objects to look at all arms as one robot is dearer than to do the rest without those
+        // that failed.
         let is_crowded = self.is_crowded();
         let is_smart = matches!(self.problem.options.guidance, GuidanceKind::Smart);
+        let mends = is_crowded || is_smart && self.best.is_none();
         let borne = if is_crowded && is_smart && guide.immediate.len() > 1 { FAILURES_BORNE } else { 0 };
         let thorough = self.tree[tau].failures > borne;
         let (mut failures, mut crowds) = (Vec::new(), Vec::new());
@@ -48,7 +50,7 @@ impl Search<'_> {
             if control.should_stop() {
                 return Err(Setback::Stopped);
             }
-            let blamed = failures.last().filter(|_| is_crowded).map_or_else(Vec::new, StepFailure::arms);
+            let blamed = failures.last().filter(|_| mends).map_or_else(Vec::new, StepFailure::arms);
             if attempt > 0 || self.tree[tau].expansions > 1 {
                 self.grounder.renew(&self.tree[tau], guide, outline, &blamed);
             }
