@@ -164,6 +164,7 @@ impl<'a> Grounder<'a> {
             node: leg.end,
             wanted: leg.end,
             anew: renew || failures > 0 && self.rng.random_bool(ANEW),
+            hastily: is_beginning(vertex),
         };
         let mut why = Misfit::Between;
         let (mut besides, mut hindered) = (Vec::new(), None);
@@ -294,6 +295,7 @@ impl<'a> Grounder<'a> {
             node: next.end,
             wanted: next.end,
             anew: false,
+            hastily: is_beginning(vertex),
         };
         self.planner().plan(&request).map(|_| ())
     }
@@ -307,10 +309,18 @@ impl<'a> Grounder<'a> {
         from: (Pose, SurfaceId),
         goals: &[(Pose, SurfaceId)],
     ) -> bool {
-        let taken = self.contacts.holds(&query(ContactKind::Pick, arm, object, from));
-        goals.iter().any(|&goal| {
-            let put_down = query(ContactKind::Place, arm, object, goal);
-            taken.iter().any(|(_, hold)| self.contacts.has(&put_down, hold))
+        let pick = query(ContactKind::Pick, arm, object, from);
+        self.contacts.possible_holds(&pick).into_iter().any(|(_, hold)| {
+            self.contacts.has(&pick, &hold)
+                && goals.iter().any(|&goal| {
+                    let put_down = query(ContactKind::Place, arm, object, goal);
+                    self.contacts.has(&put_down, &hold)
+                })
         })
     }
+}
+
+/// Whether nothing was tried yet: all that is known is where everything stands.
+fn is_beginning(vertex: &Vertex) -> bool {
+    vertex.parent.is_none() && vertex.expansions == 0
 }

@@ -20,7 +20,8 @@ impl Grains {
         {
             r = -r;
         }
-        Self([t.x, t.y, t.z, r.x, r.y, r.z, r.w].map(|c| (c / GRAIN).round() as i64))
+        // To the nearest; what `round` does is a call on machines without an instruction for it.
+        Self([t.x, t.y, t.z, r.x, r.y, r.z, r.w].map(|c| (c / GRAIN + 0.5_f64.copysign(c)) as i64))
     }
 
     /// The pose: the same for all that have equal grains, and within half a grain of each of them.

@@ -82,8 +82,8 @@ pub(super) struct Handoffs<'a> {
     problem: &'a Problem,
     world: &'a CollisionWorld,
     memory: Arc<ReachMemory>,
-    /// By arm, the first arm that equals it but for its place.
-    kinds: Vec<usize>,
+    /// By arm, the first arm that equals it but for its place, and the ball that its TCP does not leave.
+    kinds: Vec<(usize, Ball)>,
     /// By object, its class in the memory, and the rotations that map its shape onto itself.
     classes: Arc<[(Class, Vec<UnitQuaternion<f64>>)]>,
     /// How many draws were looked at: by giver and receiver, and the giver's hold and the receiver's.
@@ -102,7 +102,7 @@ impl<'a> Handoffs<'a> {
             numbers.entry(object.class).or_insert_with(find).clone()
         };
         let classes = problem.objects.iter().map(class).collect();
-        let kinds = (0..count).map(first).collect();
+        let kinds = (0..count).map(|arm| (first(arm), Ball::of(&problem.workcell.arms[arm]))).collect();
         Self { problem, world, memory, kinds, classes, seen: BTreeMap::new() }
     }
 
@@ -200,17 +200,18 @@ impl<'s, 'q> Sampler<'s, 'q> {
         let arms = &handoffs.problem.workcell.arms;
         let (giver, receiver) = (&arms[query.giver.0], &arms[query.receiver.0]);
         let bases = Grains::of(&(giver.base.inverse() * receiver.base));
+        let [(giving, from), (taking, to)] = [query.giver, query.receiver].map(|arm| handoffs.kinds[arm.0]);
         let count = query.giver_holds.len() * query.receiver_holds.len();
         Self {
             problem: handoffs.problem,
             world: handoffs.world,
             draws: handoffs.memory.draws(),
-            kinds: (handoffs.kinds[query.giver.0], handoffs.kinds[query.receiver.0]),
+            kinds: (giving, taking),
             class: &handoffs.classes[query.object.0],
             query,
             giver,
             receiver,
-            meeting_place: MeetingPlace::new(giver, receiver, &bases.pose()),
+            meeting_place: MeetingPlace::new(from, to, &bases.pose()),
             bases: (bases, bases.pose()),
             pairs: std::iter::repeat_with(|| None).take(count).collect(),
             seen,
@@ -436,10 +437,26 @@ fn rotations_of(shapes: &[PlacedShape]) -> Vec<UnitQuaternion<f64>> {
     }
 }
 
+/// A ball in an arm's base frame within which its TCP is looked for.
+#[derive(Debug, Clone, Copy)]
+struct Ball {
+    /// Its centre (m).
+    centre: Vec3,
+    /// Its radius (m).
+    radius: f64,
+}
+
+impl Ball {
+    fn of(arm: &Arm) -> Self {
+        let Reach { centre, radius } = arm.model.reach_within(&arm.limits);
+        let tool = arm.tool.tcp.translation.vector.norm();
+        Self { centre, radius: (STRETCH * (radius + tool)).min(GREATEST_RADIUS) }
+    }
+}
+
 /// Where two arms' TCPs may come together, in the giver's base frame: in both of two balls.
 struct MeetingPlace {
-    /// Centres (m) and radii (m).
-    balls: [(Vec3, f64); 2],
+    balls: [Ball; 2],
     /// Its z axis points from the giver's centre to the receiver's.
     along: UnitQuaternion<f64>,
     /// Range of z from the giver's centre (m), and the greatest distance (m) from the axis.
@@ -448,24 +465,23 @@ struct MeetingPlace {
 }
 
 impl MeetingPlace {
-    /// Of two arms, of which the receiver's base is at `bases` in the giver's base frame.
-    fn new(giver: &Arm, receiver: &Arm, bases: &Pose) -> Self {
-        let ball = |arm: &Arm| {
-            let Reach { centre, radius } = arm.model.reach_within(&arm.limits);
-            let tool = arm.tool.tcp.translation.vector.norm();
-            (centre, (STRETCH * (radius + tool)).min(GREATEST_RADIUS))
-        };
-        let (a, (b, rb)) = (ball(giver), ball(receiver));
-        let b = ((bases * nalgebra::Point3::from(b)).coords, rb);
-        let between = b.0 - a.0;
+    /// Of a giver and a receiver, each in its base frame, of which the receiver's is at `bases` in the giver's.
+    fn new(giver: Ball, receiver: Ball, bases: &Pose) -> Self {
+        let centre = (bases * nalgebra::Point3::from(receiver.centre)).coords;
+        let (a, b) = (giver, Ball { centre, ..receiver });
+        let between = b.centre - a.centre;
         let apart = between.norm();
         let along = UnitQuaternion::rotation_between(&Vec3::z(), &between)
             .unwrap_or_else(|| UnitQuaternion::from_axis_angle(&Vec3::x_axis(), std::f64::consts::PI));
-        let range = ((-a.1).max(apart - b.1), a.1.min(apart + b.1));
+        let range = ((-a.radius).max(apart - b.radius), a.radius.min(apart + b.radius));
         // Where the spheres cross, if it is between the centres.
-        let crossing = (apart * apart + a.1 * a.1 - b.1 * b.1) / (2.0 * apart);
-        let narrow = (0.0..=apart).contains(&crossing);
-        let aside = if narrow { (a.1 * a.1 - crossing * crossing).max(0.0).sqrt() } else { a.1.min(b.1) };
+        let square = a.radius * a.radius;
+        let crossing = (apart * apart + square - b.radius * b.radius) / (2.0 * apart);
+        let is_between = (0.0..=apart).contains(&crossing);
+        let aside = match is_between {
+            true => (square - crossing * crossing).max(0.0).sqrt(),
+            false => a.radius.min(b.radius),
+        };
         Self { balls: [a, b], along, range, aside }
     }
 
@@ -479,8 +495,9 @@ impl MeetingPlace {
             let mut within = |half: f64| half * rng.random_range(-1.0..1.0);
             let (x, y) = (within(self.aside), within(self.aside));
             let offset = Vec3::new(x, y, rng.random_range(low..high));
-            let place = self.balls[0].0 + self.along * offset;
-            if self.balls.iter().all(|(centre, radius)| (place - centre).norm_squared() <= radius * radius) {
+            let place = self.balls[0].centre + self.along * offset;
+            let is_in = |ball: &Ball| (place - ball.centre).norm_squared() <= ball.radius * ball.radius;
+            if self.balls.iter().all(is_in) {
                 return Some(place);
             }
         }
