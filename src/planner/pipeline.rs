@@ -367,8 +367,7 @@ impl<'a> Run<'a, '_> {
                 let is_first = board.last_progress == f64::NEG_INFINITY;
                 board.last_progress = elapsed_s;
                 let phase = if board.best.is_some() { "improve" } else { "search" };
-                let steps_lower_bound =
-                    if is_first { self.bound.get().copied() } else { Some(self.bound()) };
+                let steps_lower_bound = if is_first { self.bound.get().copied() } else { Some(self.bound()) };
                 (board.observe)(PlannerEvent::Progress { elapsed_s, phase, iterations, steps_lower_bound });
             }
         });

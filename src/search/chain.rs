@@ -23,9 +23,6 @@ use super::handoffs::HandoffPool;
 use super::rests::Rests;
 use super::tree::Whereabouts;
 
-/// Chains in holds that are only likely that are looked at before all holds are.
-const LIKELY_CHAINS: usize = 4;
-
 /// A grasp number and the object's frame in the TCP frame.
 type Hold = (usize, Pose);
 
@@ -71,8 +68,6 @@ pub(super) struct ChainRequest<'a> {
     pub(super) wanted: NodeId,
     /// Whether contacts and handoffs are to be sampled although some are known.
     pub(super) anew: bool,
-    /// Whether any chain will do, the sooner the better.
-    pub(super) hastily: bool,
 }
 
 /// Why there is no chain.
@@ -107,44 +102,28 @@ impl ChainPlanner<'_, '_> {
         let (Some(&first), Some(&last)) = (request.arms.first(), request.arms.last()) else {
             return Err(Misfit::Between);
         };
-        let pick = match request.from {
+        let (start, start_clear) = match request.from {
             Whereabouts::Resting { pose, surface } => {
-                Some(query(ContactKind::Pick, first, request.object, (*pose, *surface)))
+                let pick = query(ContactKind::Pick, first, request.object, (*pose, *surface));
+                self.sample(request, &pick);
+                (self.contacts.holds(&pick), self.clear_holds(&pick, request.at_pick))
             }
-            Whereabouts::Held { .. } => None,
-        };
-        if let Some(pick) = &pick {
-            self.sample(request, pick);
-        }
-        let targets = self.in_order(request);
-        if let Some(&(pose, surface)) = targets.first() {
-            let place = query(ContactKind::Place, last, request.object, (pose, surface));
-            self.sample(request, &place);
-            if let Some(chain) = self.likely(request, pick.as_ref(), &place) {
-                return Ok(chain);
-            }
-        }
-        let (start, start_clear) = match (&pick, request.from) {
-            (Some(pick), _) => (self.contacts.holds(pick), self.clear_holds(pick, request.at_pick)),
-            (None, Whereabouts::Held { object_in_tcp, .. }) => {
+            Whereabouts::Held { object_in_tcp, .. } => {
                 let held = vec![(usize::MAX, *object_in_tcp)];
                 (held.clone(), held)
             }
-            (None, Whereabouts::Resting { .. }) => return Err(Misfit::Pick),
         };
         if start.is_empty() {
             return Err(Misfit::Pick);
         }
         let mut why = Misfit::Place;
         let mut tried = 0;
-        for (number, (pose, surface)) in targets.into_iter().enumerate() {
+        for (pose, surface) in self.in_order(request) {
             if tried == request.most_tried {
                 break;
             }
             let place = query(ContactKind::Place, last, request.object, (pose, surface));
-            if number > 0 {
-                self.sample(request, &place);
-            }
+            self.sample(request, &place);
             let mut end = self.contacts.holds(&place);
             let mut end_clear = self.clear_holds(&place, request.at_place);
             if let Whereabouts::Held { object_in_tcp, .. } = request.from
@@ -168,43 +147,6 @@ impl ChainPlanner<'_, '_> {
             why = self.blame(request, &start, &end, (pose, surface));
         }
         Err(why)
-    }
-
-    /// A chain by handoffs in holds for which the hand has room, of which no more are looked at closely than it takes:
-    /// its first and its last are clear. For haste alone: it is the quicker to find something, and the slower to find
-    /// what is rare.
-    fn likely(
-        &mut self,
-        request: &ChainRequest<'_>,
-        pick: Option<&ContactQuery>,
-        place: &ContactQuery,
-    ) -> Option<Chain> {
-        if request.arms.len() < 2 || !request.hastily {
-            return None;
-        }
-        let mut start = match (pick, request.from) {
-            (Some(pick), _) => self.contacts.possible_holds(pick),
-            (None, Whereabouts::Held { object_in_tcp, .. }) => vec![(usize::MAX, *object_in_tcp)],
-            (None, Whereabouts::Resting { .. }) => return None,
-        };
-        let mut end = self.contacts.possible_holds(place);
-        let (at_pick, at_place) = (scene_of(request.at_pick), scene_of(request.at_place));
-        for _ in 0..LIKELY_CHAINS {
-            let chain = self.fit(request, &start, &end, (place.pose, place.surface))?;
-            let (taken, put) = (chain.carriers.first()?.1, chain.carriers.last()?.1);
-            let can_take = pick.is_none_or(|pick| self.contacts.is_clear_of(pick, &taken, &at_pick));
-            let can_put = self.contacts.is_clear_of(place, &put, &at_place);
-            if can_take && can_put {
-                return Some(chain);
-            }
-            if !can_take {
-                start.retain(|(_, hold)| *hold != taken);
-            }
-            if !can_put {
-                end.retain(|(_, hold)| *hold != put);
-            }
-        }
-        None
     }
 
     /// Now and then samples more contacts in a hold, be it one in which none is known, where a chain is planned
@@ -408,18 +350,9 @@ impl ChainPlanner<'_, '_> {
         let mut near: Vec<Config> = request.arms_at.get(arm.0).cloned().into_iter().collect();
         let mut contact = |kind, at: (Pose, SurfaceId)| {
             let asked = query(kind, arm, request.object, at);
-            let mut holds = self.contacts.possible_holds(&asked);
-            while !holds.is_empty() {
-                let (_, hold) = holds.swap_remove(self.rng.random_range(0..holds.len()));
-                let found = match request.hastily {
-                    true => self.contacts.nth(&asked, &hold, 0).map(|contact| contact.q),
-                    false => self.contacts.at(&asked, &hold).choose(self.rng).map(|contact| contact.q.clone()),
-                };
-                if found.is_some() {
-                    return found;
-                }
-            }
-            None
+            let holds = self.contacts.holds(&asked);
+            let (_, hold) = holds.choose(self.rng)?;
+            self.contacts.at(&asked, hold).choose(self.rng).map(|contact| contact.q.clone())
         };
         if picks && let Whereabouts::Resting { pose, surface } = request.from {
             near.extend(contact(ContactKind::Pick, (*pose, *surface)));

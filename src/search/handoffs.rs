@@ -19,6 +19,9 @@ const MOST_KEPT: usize = 400;
 /// Handoffs wanted of one query before some are chosen from.
 const WANTED: usize = 3;
 
+/// How many times as many tries are given to a query in vain.
+const INSISTENCE: usize = 3;
+
 /// Failed queries after which the same one is mostly taken for hopeless.
 const HOPELESS_AFTER: u32 = 2;
 
@@ -61,7 +64,11 @@ impl HandoffPool {
             if fitting.is_empty() && failures >= HOPELESS_AFTER && rng.random_bool(0.95) {
                 return Vec::new();
             }
-            let fresh = contacts.handoffs(query, tries, WANTED, rng);
+            let mut fresh = contacts.handoffs(query, tries, WANTED, rng);
+            if fresh.is_empty() && fitting.is_empty() {
+                // Before something is blamed for it.
+                fresh = contacts.handoffs(query, INSISTENCE * tries, 1, rng);
+            }
             if fresh.is_empty() && fitting.is_empty() {
                 *self.failed.entry((key, giving, taking)).or_default() += 1;
                 return Vec::new();

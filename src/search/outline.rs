@@ -164,7 +164,6 @@ impl<'a> Grounder<'a> {
             node: leg.end,
             wanted: leg.end,
             anew: renew || failures > 0 && self.rng.random_bool(ANEW),
-            hastily: is_beginning(vertex),
         };
         let mut why = Misfit::Between;
         let (mut besides, mut hindered) = (Vec::new(), None);
@@ -295,7 +294,6 @@ impl<'a> Grounder<'a> {
             node: next.end,
             wanted: next.end,
             anew: false,
-            hastily: is_beginning(vertex),
         };
         self.planner().plan(&request).map(|_| ())
     }
@@ -318,9 +316,4 @@ impl<'a> Grounder<'a> {
                 })
         })
     }
-}
-
-/// Whether nothing was tried yet: all that is known is where everything stands.
-fn is_beginning(vertex: &Vertex) -> bool {
-    vertex.parent.is_none() && vertex.expansions == 0
 }

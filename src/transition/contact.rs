@@ -9,6 +9,9 @@ use crate::workcell::{ArmId, ObjectId, SurfaceId};
 
 use super::line::Line;
 
+/// Unit vectors whose difference squared is less are one direction.
+const SAME_DIRECTION: f64 = 1e-20;
+
 /// Whether the object is taken or put down.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum ContactKind {
@@ -116,7 +119,12 @@ impl<'a> Grounding<'a> {
             ContactKind::Place => (normal, -own_z),
         };
         let approach = Line::follow(arm, q, &approach_direction, object.approach)?;
-        let retreat = Line::follow(arm, q, &retreat_direction, object.retreat)?;
+        // From above both are one line.
+        let is_same = (approach_direction - retreat_direction).norm_squared() < SAME_DIRECTION;
+        let retreat = match is_same && object.approach == object.retreat {
+            true => approach.clone(),
+            false => Line::follow(arm, q, &retreat_direction, object.retreat)?,
+        };
         Some((approach, retreat))
     }
 

@@ -419,7 +419,11 @@ impl<'s, 'q> Sampler<'s, 'q> {
 }
 
 /// Whose draws were looked at how far.
-fn seen_key(query: &HandoffQuery<'_>, giver_hold: &Pose, receiver_hold: &Pose) -> (usize, usize, Grains, Grains) {
+fn seen_key(
+    query: &HandoffQuery<'_>,
+    giver_hold: &Pose,
+    receiver_hold: &Pose,
+) -> (usize, usize, Grains, Grains) {
     (query.giver.0, query.receiver.0, Grains::of(giver_hold), Grains::of(receiver_hold))
 }
 

@@ -112,7 +112,8 @@ impl Reach for SampledReach<'_> {
         surface: SurfaceId,
     ) -> bool {
         let query = contact_query(action, arm, object, pose, surface);
-        let question = RestQuestion::new(self.contacts.class(object), action, arm, surface, pose, Matter::Any);
+        let question =
+            RestQuestion::new(self.contacts.class(object), action, arm, surface, pose, Matter::Any);
         self.remembered(question, |contacts| contacts.any(&query))
     }
 

@@ -2,8 +2,10 @@
 
 use rand::Rng as _;
 
-use super::{ContactKind, ContactQuery, Contacts};
+use super::grains::Grains;
+use super::{ContactKind, ContactQuery, Contacts, HandoffQuery, ReachMemory};
 use crate::collision::{CollisionWorld, Exemption, Held, Scene};
+use crate::geometry::Pose;
 use crate::problem::{InitialPlacement, Problem};
 use crate::run::Seed;
 use crate::scenario::{Family, generate};
@@ -167,4 +169,145 @@ fn clear_contacts_are_remembered_as_they_are() {
         }
     }
     assert!(clear > 100 && blocked > 50, "{clear} {blocked}");
+}
+
+/// Handoffs of object 0 between all pairs of arms that are neighbours, by a few of its grasps.
+fn handoff_holds(problem: &Problem) -> Vec<(usize, Pose)> {
+    let grasps = problem.objects[0].grasps.iter().enumerate().step_by(5);
+    grasps.map(|(number, grasp)| (number, grasp.object_in_tcp)).collect()
+}
+
+fn handoff_query<'a>(
+    arms: (usize, usize),
+    giving: &'a [(usize, Pose)],
+    taking: &'a [(usize, Pose)],
+) -> HandoffQuery<'a> {
+    HandoffQuery {
+        giver: ArmId(arms.0),
+        receiver: ArmId(arms.1),
+        object: ObjectId(0),
+        giver_holds: giving,
+        receiver_holds: taking,
+        giver_near: &[],
+        receiver_near: &[],
+    }
+}
+
+const NEIGHBOURS: [(usize, usize); 4] = [(0, 1), (1, 0), (2, 3), (0, 2)];
+
+#[test]
+fn in_a_handoff_both_hands_hold_one_object_and_nothing_touches() {
+    let problem = problem(7);
+    let world = CollisionWorld::new(&problem);
+    let mut contacts = Contacts::new(&problem, &world, Seed(1).stream("contacts"));
+    let holds = handoff_holds(&problem);
+    let mut rng = Seed(3).stream("handoffs");
+    let mut seen = 0;
+    for arms in NEIGHBOURS {
+        for found in contacts.handoffs(&handoff_query(arms, &holds, &holds), 2000, 8, &mut rng) {
+            let [giver, receiver] = [arms.0, arms.1].map(|arm| &problem.workcell.arms[arm]);
+            let by_giver = giver.tcp_pose(&found.giver_q) * found.giver_hold;
+            let by_receiver = receiver.tcp_pose(&found.receiver_q) * found.receiver_hold;
+            assert!((by_giver.translation.vector - by_receiver.translation.vector).norm() < 1e-8);
+            assert!(by_giver.rotation.angle_to(&by_receiver.rotation) < 1e-8);
+            assert!(holds.iter().any(|(_, hold)| *hold == found.giver_hold));
+            assert!(holds.iter().any(|(_, hold)| *hold == found.receiver_hold));
+            // With these very holds, of which the remembered one may differ by a turn of the cube.
+            let held = |hold: Pose| Held { object: ObjectId(0), object_in_tcp: hold };
+            let (giving, taking) = (held(found.giver_hold), held(found.receiver_hold));
+            let (none, empty) = (Exemption::default(), Scene::default());
+            let touching = Exemption { hand_with: Some(ObjectId(0)), held_with: None };
+            let (a, b) = (ArmId(arms.0), ArmId(arms.1));
+            assert!(world.config_free(a, &found.giver_q, Some(&giving), &empty, none));
+            assert!(world.config_free(b, &found.receiver_q, Some(&taking), &empty, none));
+            assert!(world.arms_apart(
+                (a, &found.giver_q, Some(&giving), none),
+                (b, &found.receiver_q, None, touching)
+            ));
+            assert!(world.arms_apart(
+                (a, &found.giver_q, None, touching),
+                (b, &found.receiver_q, Some(&taking), none)
+            ));
+            assert_eq!(found.giver_retreat.waypoints[0], found.giver_q);
+            assert_eq!(found.receiver_approach.waypoints[0], found.receiver_q);
+            seen += 1;
+        }
+    }
+    assert!(seen >= 20, "{seen}");
+}
+
+/// Whatever was asked of the memory before, by whomever, and in whatever order.
+#[test]
+fn handoffs_do_not_depend_on_what_is_remembered() {
+    let (one, other) = (problem(8), problem(9));
+    let (world, other_world) = (CollisionWorld::new(&one), CollisionWorld::new(&other));
+    let holds = handoff_holds(&one);
+    let ask = |contacts: &mut Contacts<'_>, seed: u64| -> Vec<(Vec<f64>, Vec<f64>)> {
+        let mut rng = Seed(seed).stream("handoffs");
+        let mut found = Vec::new();
+        for arms in NEIGHBOURS {
+            for (from, to) in [(0, 4), (3, 9), (0, 4)] {
+                let query = handoff_query(arms, &holds[from..to], &holds);
+                found.extend(contacts.handoffs(&query, 400, 2, &mut rng));
+                found.extend(contacts.first_handoffs(&query, 100, 1, &mut Seed(5).stream("first")));
+            }
+        }
+        found.into_iter().map(|contact| (contact.giver_q.to_vec(), contact.receiver_q.to_vec())).collect()
+    };
+    let rng = || Seed(1).stream("contacts");
+    let fresh = ask(&mut Contacts::new(&one, &world, rng()), 1);
+    assert!(fresh.len() > 20, "{}", fresh.len());
+    let memory = std::sync::Arc::new(ReachMemory::new());
+    // An equal workcell with other arrangements, asked by other dice.
+    ask(&mut Contacts::remembering(&other, &other_world, rng(), memory.clone()), 2);
+    for _ in 0..2 {
+        assert_eq!(ask(&mut Contacts::remembering(&one, &world, rng(), memory.clone()), 1), fresh);
+    }
+    assert_ne!(ask(&mut Contacts::remembering(&one, &world, rng(), memory), 4), fresh);
+}
+
+#[test]
+fn no_handoff_of_two_holds_comes_twice() {
+    let problem = problem(7);
+    let world = CollisionWorld::new(&problem);
+    let mut contacts = Contacts::new(&problem, &world, Seed(1).stream("contacts"));
+    let mut rng = Seed(3).stream("handoffs");
+    let holds = handoff_holds(&problem);
+    let mut found: Vec<Vec<f64>> = Vec::new();
+    // More than are remembered of one pair of holds.
+    for _ in 0..30 {
+        let query = handoff_query((0, 1), &holds[..1], &holds[3..5]);
+        let fresh = contacts.handoffs(&query, 40, 40, &mut rng);
+        found.extend(fresh.into_iter().map(|contact| contact.giver_q.to_vec()));
+    }
+    let count = found.len();
+    found.sort_by(|a, b| a.partial_cmp(b).unwrap());
+    found.dedup();
+    assert_eq!(found.len(), count);
+    assert!(count > 10, "{count}");
+}
+
+#[test]
+fn equal_poses_have_equal_grains() {
+    let mut rng = Seed(2).stream("poses");
+    let mut random = || {
+        let mut within = |half: f64| rng.random_range(-half..half);
+        let turn = crate::geometry::Vec3::new(within(1.8), within(1.8), within(1.8));
+        Pose::new(crate::geometry::Vec3::new(within(2.0), within(2.0), within(2.0)), turn)
+    };
+    let mut equal = 0;
+    for _ in 0..1000 {
+        let (a, b) = (random(), random());
+        let pose = Grains::of(&a).pose();
+        assert!((pose.translation.vector - a.translation.vector).norm() < 1e-10);
+        assert!(pose.rotation.angle_to(&a.rotation) < 1e-7);
+        assert_eq!(Grains::of(&pose), Grains::of(&a));
+        // The same pose by another way, and with the quaternion's other sign.
+        let again = (a * b) * b.inverse();
+        let negative = Pose::from_parts(a.translation, nalgebra::UnitQuaternion::new_unchecked(-*a.rotation));
+        assert_eq!(Grains::of(&negative), Grains::of(&a));
+        equal += usize::from(Grains::of(&again) == Grains::of(&a));
+        assert_ne!(Grains::of(&b), Grains::of(&a));
+    }
+    assert!(equal > 950, "{equal}");
 }

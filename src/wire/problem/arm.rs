@@ -38,12 +38,8 @@ pub fn read_arms(
     if node.value.as_array().is_some_and(Vec::is_empty) {
         node.fault(&mut context.faults, FaultCode::OutOfRange, "there is no arm; give at least one");
     }
-    let mut reader = ArmReader {
-        robots,
-        models: ModelCache::default(),
-        warned: BTreeSet::new(),
-        chains: BTreeMap::new(),
-    };
+    let mut reader =
+        ArmReader { robots, models: ModelCache::default(), warned: BTreeSet::new(), chains: BTreeMap::new() };
     let arms: Vec<_> =
         elements.iter().enumerate().map(|(index, node)| reader.read_arm(index, node, context)).collect();
     reader.note_unused_limits(context);

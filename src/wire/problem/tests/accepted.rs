@@ -259,3 +259,25 @@ fn capacities_that_nothing_fills_are_warned_of() {
     let warned: Vec<_> = read.warnings.iter().map(|w| (w.pointer.as_str(), w.code)).collect();
     assert!(warned.contains(&("/workcell/surfaces/0/capacity", FaultCode::CapacityExceeded)), "{warned:?}");
 }
+
+/// Documents with the same robots share their models; anything that decides a model tells them apart.
+#[test]
+fn robots_that_were_read_before_are_the_same() {
+    let model = |document: &Value| accepted(document).problem.workcell.arms[0].clone();
+    let document = switch();
+    let (first, again) = (model(&document), model(&document));
+    assert!(std::sync::Arc::ptr_eq(&first.model, &again.model));
+    assert_eq!(first.exempt_groups, again.exempt_groups);
+    let mut small_document = small();
+    let small_arm = model(&small_document);
+    assert!(!std::sync::Arc::ptr_eq(&small_arm.model, &first.model));
+    // What is said of a robot is said of every document.
+    let warnings = |document: &Value| lines(&accepted(document).warnings);
+    assert_eq!(warnings(&small_document), warnings(&small_document));
+    let longer = SMALL_URDF.replace("0.4 0.05 0.05", "0.5 0.05 0.05");
+    assert_ne!(longer, SMALL_URDF);
+    set(&mut small_document, "/workcell/robots/small/urdf_xml", json!(longer));
+    let longer_arm = model(&small_document);
+    assert!(!std::sync::Arc::ptr_eq(&small_arm.model, &longer_arm.model));
+    assert!(std::sync::Arc::ptr_eq(&small_arm.model, &model(&small()).model));
+}
