@@ -21,7 +21,7 @@ pub(super) fn sin_cos(angle: f64) -> (f64, f64) {
     }
     let shifted = angle * FRAC_2_PI + ROUNDING;
     let quarters = shifted - ROUNDING;
-    let x = ((angle - quarters * 1.570_796_251_296_997_1) - quarters * 7.549_789_415_861_596e-8)
+    let x = ((angle - quarters * 1.570_796_251_296_997) - quarters * 7.549_789_415_861_596e-8)
         - quarters * 5.390_302_858_158_119e-15;
     let z = x * x;
     let p = ((((1.589_623_015_765_465_7e-10 * z - 2.505_074_776_285_780_7e-8) * z
