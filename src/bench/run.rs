@@ -9,7 +9,7 @@ use crate::problem::{GuidanceKind, Problem};
 use crate::run::{CancelToken, Control, Deadline};
 use crate::scenario::{ScenarioError, generate, to_text};
 use crate::verify::verify;
-use crate::wire::{Fault, LibraryOnly, ReadLimits, read_problem};
+use crate::wire::{Fault, KnownRobots, LibraryOnly, ReadLimits, Remembering, read_problem};
 
 use super::bound::duration_lower_bound;
 use super::memory;
@@ -80,18 +80,21 @@ pub fn measure(
     cancel: &CancelToken,
     observe: &mut (dyn FnMut(f64) + Send),
 ) -> Result<Option<(Run, Option<Remark>)>, BenchError> {
+    let mut robots = KnownRobots::new();
     let cache = match settings.workcell {
         WorkcellAge::New => PlannerCache::new(0),
-        WorkcellAge::Known => acquainted(PlannerCache::new(1), case, trial, settings, cancel)?,
+        WorkcellAge::Known => acquainted(PlannerCache::new(1), &robots, case, trial, settings, cancel)?,
         WorkcellAge::Stored => {
-            acquainted(settings.folder_cache(), case, trial, settings, cancel)?;
+            acquainted(settings.folder_cache(), &robots, case, trial, settings, cancel)?;
+            // As in another process.
+            robots = KnownRobots::new();
             settings.folder_cache()
         }
     };
     let document = document(case, trial)?;
     memory::reset_peak();
     let deadline = Deadline::after(settings.budget);
-    let mut problem = read(case, trial, &document)?;
+    let mut problem = read(case, trial, &document, &robots)?;
     let mut record = Record { validation_s: deadline.elapsed_s(), ..Record::default() };
     problem.options.time_budget_s = settings.budget.as_secs_f64();
     problem.options.seed = trial;
@@ -128,16 +131,17 @@ pub fn measure(
     Ok(Some((run, remark)))
 }
 
-/// `cache` with what is known after another arrangement of the same workcell was planned.
+/// `cache` (and `robots`) with what is known after another arrangement of the same workcell was planned.
 fn acquainted(
     cache: PlannerCache,
+    robots: &KnownRobots,
     case: Case,
     trial: u64,
     settings: &RunSettings,
     cancel: &CancelToken,
 ) -> Result<PlannerCache, BenchError> {
     let seed = trial + OTHER_ARRANGEMENT;
-    let mut problem = read(case, seed, &document(case, seed)?)?;
+    let mut problem = read(case, seed, &document(case, seed)?, robots)?;
     problem.options.threads = settings.threads;
     problem.options.stop.first_solution = true;
     let deadline = Deadline::after(settings.budget.max(LEAST_ACQUAINTANCE));
@@ -149,8 +153,9 @@ fn document(case: Case, seed: u64) -> Result<String, BenchError> {
     Ok(to_text(&generate(case.family, case.size.arms, case.size.objects, seed)?))
 }
 
-fn read(case: Case, seed: u64, document: &str) -> Result<Problem, BenchError> {
-    let read = read_problem(document.as_bytes(), &LibraryOnly, &ReadLimits::default());
+fn read(case: Case, seed: u64, document: &str, robots: &KnownRobots) -> Result<Problem, BenchError> {
+    let resources = Remembering { resources: &LibraryOnly, robots };
+    let read = read_problem(document.as_bytes(), &resources, &ReadLimits::default());
     Ok(read.map_err(|faults| BenchError::Faults { case, seed, faults })?.problem)
 }
 
@@ -178,10 +183,10 @@ impl Record {
                 }
                 self.steps_lower_bound = steps_lower_bound.or(self.steps_lower_bound);
             }
-            PlannerEvent::Judged { candidate_s, judged_s, valid } => {
+            PlannerEvent::Judged { candidate_s, handed_in_s, judged_s, valid } => {
                 self.rejected += u64::from(!valid);
                 if self.incumbents.is_empty() {
-                    *self.judge_s.get_or_insert(0.0) += judged_s - candidate_s;
+                    *self.judge_s.get_or_insert(0.0) += judged_s - handed_in_s;
                 }
                 if valid {
                     self.candidate_s.get_or_insert(candidate_s);

@@ -98,11 +98,6 @@ impl ArmModel {
         false
     }
 
-    /// [`ArmModel::reach_within`] the model's own limits, as centre and radius.
-    pub fn greatest_reach(&self) -> (Vec3, f64) {
-        self.reach
-    }
-
     /// A ball that the mount origin never leaves within `limits` (one per joint): for a spherical
     /// shoulder about its centre.
     pub fn reach_within(&self, limits: &[JointLimits]) -> Reach {
@@ -327,7 +322,6 @@ mod tests {
     fn bounds_are_tight_for_the_iiwa() {
         let model = load(library("iiwa14").unwrap().urdf);
         let reach = model.reach_within(&limits(&model));
-        assert_eq!(model.greatest_reach(), (reach.centre, reach.radius));
         assert!((reach.centre - Vec3::new(0.0, 0.0, 0.36)).norm() < 1e-6, "{}", reach.centre);
         assert!((reach.radius - 0.946).abs() < 1e-6, "{}", reach.radius);
         let limits = limits(&model);

@@ -95,8 +95,6 @@ pub struct ArmModel {
     pub mount: usize,
     pub(super) chain: Chain,
     pub(super) solver: Solver,
-    /// Centre and radius of [`Self::greatest_reach`].
-    pub(super) reach: (Vec3, f64),
 }
 
 impl ArmModel {
@@ -105,11 +103,7 @@ impl ArmModel {
     pub fn new(name: String, links: Vec<Link>, joints: Vec<Joint>, mount: usize) -> Self {
         let chain = Chain::new(&links, mount, joints.len());
         let solver = Solver::new(&chain);
-        let mut model = Self { name, links, joints, mount, chain, solver, reach: (Vec3::zeros(), 0.0) };
-        let limits: Vec<JointLimits> = model.joints.iter().map(|joint| joint.limits).collect();
-        let reach = model.reach_within(&limits);
-        model.reach = (reach.centre, reach.radius);
-        model
+        Self { name, links, joints, mount, chain, solver }
     }
 
     /// Number of joints in the chain.

@@ -34,7 +34,7 @@ impl Meetings {
     ) {
         self.0.push((giver, receiver, class, witness.clone()));
         if is_mirrored {
-            self.0.push((receiver, giver, class, reversed(witness)));
+            self.0.push((receiver, giver, class, witness.reversed()));
         }
     }
 
@@ -53,16 +53,6 @@ impl Meetings {
             has(giving, &witness.giver_hold) && has(taking, &witness.receiver_hold)
         };
         known.find(|(.., witness)| suits(witness)).map(|(.., witness)| witness.clone())
-    }
-}
-
-/// A handoff backwards in time.
-pub(super) fn reversed(witness: &HandoffWitness) -> HandoffWitness {
-    HandoffWitness {
-        giver_q: witness.receiver_q.clone(),
-        receiver_q: witness.giver_q.clone(),
-        giver_hold: witness.receiver_hold,
-        receiver_hold: witness.giver_hold,
     }
 }
 
@@ -241,7 +231,7 @@ impl Finder<'_> {
         if !self.is_mirrored {
             return None;
         }
-        let witness = reversed(&other.witness);
+        let witness = other.witness.reversed();
         if !self.confirm_giver(giver, &witness.giver_hold) {
             return None;
         }

@@ -61,6 +61,18 @@ pub struct HandoffWitness {
     pub receiver_hold: Hold,
 }
 
+impl HandoffWitness {
+    /// The handoff backwards in time.
+    pub fn reversed(&self) -> Self {
+        Self {
+            giver_q: self.receiver_q.clone(),
+            receiver_q: self.giver_q.clone(),
+            giver_hold: self.receiver_hold,
+            receiver_hold: self.giver_hold,
+        }
+    }
+}
+
 /// Which arm reaches what: questions that inverse kinematics and collision checks answer.
 ///
 /// An answer "no" may be a failure of sampling; an answer "yes" must come with a collision-free

@@ -8,7 +8,6 @@ use crate::run::Control;
 use crate::workcell::{ObjectId, SurfaceId};
 
 use super::graph::{GraphKind, ModeGraph, Place};
-use super::handoffs::reversed;
 use super::reach::{HandoffWitness, Hold, Reach, RestAction, RestContact};
 
 /// The proof that an action can be done.
@@ -25,7 +24,7 @@ impl Witness {
     pub(super) fn reversed(&self) -> Self {
         match self {
             Self::Rest(rest) => Self::Rest(rest.clone()),
-            Self::Handoff(handoff) => Self::Handoff(reversed(handoff)),
+            Self::Handoff(handoff) => Self::Handoff(handoff.reversed()),
         }
     }
 }

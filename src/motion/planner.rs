@@ -137,7 +137,7 @@ impl<'a> StepPlanner<'a> {
         Self { problem, world, roadmaps, rng: seed.stream("motion"), failed: None, is_hasty: false }
     }
 
-    /// Whether a first attempt gives up sooner, where another step may be easier.
+    /// Whether attempts that are not thorough give up sooner, where other contacts may be easier.
     pub fn set_hasty(&mut self, is_hasty: bool) {
         self.is_hasty = is_hasty;
     }

@@ -22,6 +22,8 @@ pub enum PlannerEvent<'a> {
     Judged {
         /// When the candidate was complete, in seconds since the run started.
         candidate_s: f64,
+        /// When the judge got it, with the proof of how few steps any plan needs, in seconds since the run started.
+        handed_in_s: f64,
         /// When the judge had spoken, in seconds since the run started.
         judged_s: f64,
         /// What the judge said.

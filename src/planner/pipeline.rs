@@ -10,7 +10,7 @@ use crate::mode_graph::{ModeGraph, ModeGraphOptions, build_mode_graph, optimisti
 use crate::motion::Roadmap;
 use crate::plan::{Metrics, Plan, StepsProof};
 use crate::problem::{Objective, Problem};
-use crate::run::{CancelToken, Control, Seed};
+use crate::run::{CancelToken, Control, Deadline, Seed};
 use crate::search::{Candidate, Map, Report, Search, Settings};
 use crate::transition::{Contacts, SampledReach};
 use crate::verify::verify;
@@ -24,6 +24,9 @@ const MOST_CROWDINGS: usize = 6;
 /// Further threads begin once there is a plan, or after this time. Before that they would do what the first one does,
 /// and slow it down: processors share their memory, and often more.
 const ALONE: Duration = Duration::from_millis(200);
+
+/// The proof of how few steps any plan needs gets at least this time, although the run's ends.
+const LEAST_PROOF: Duration = Duration::from_millis(100);
 
 /// Least time (s) between two signs of life.
 const PROGRESS_PERIOD_S: f64 = 0.25;
@@ -95,6 +98,7 @@ fn run(
         Search::new(problem, &world, map, contacts, roadmaps, settings, seed, control)
     };
     let mut search = begin(&map, reach.into_contacts());
+    // Where the guidance knows a way there is one, and the proof of how few steps it takes can wait for a candidate.
     let bound = OnceLock::new();
     if !search.knows_a_way() {
         let proved = lower_bound(problem, seed, control);
@@ -337,7 +341,12 @@ impl<'a> Run<'a, '_> {
 
     /// No plan has fewer steps. The first to ask waits for it.
     fn bound(&self) -> usize {
-        *self.bound.get_or_init(|| lower_bound(self.problem, self.seed, self.control).steps)
+        *self.bound.get_or_init(|| {
+            let left = self.control.deadline.remaining();
+            let deadline = left.map_or_else(Deadline::never, |left| Deadline::after(left.max(LEAST_PROOF)));
+            let control = Control { deadline, ..self.control.clone() };
+            lower_bound(self.problem, self.seed, &control).steps
+        })
     }
 
     fn lock<T>(&self, act: impl FnOnce(&mut Board<'_>) -> T) -> T {
@@ -361,15 +370,19 @@ impl<'a> Run<'a, '_> {
     fn sign_of_life(&self) {
         let iterations = self.iterations.load(Ordering::Relaxed);
         let elapsed_s = self.control.deadline.elapsed_s();
+        let last = self.lock(|board| {
+            let last = board.last_progress;
+            let is_due = elapsed_s - last >= PROGRESS_PERIOD_S;
+            board.last_progress = if is_due { elapsed_s } else { last };
+            is_due.then_some(last)
+        });
+        let Some(last) = last else { return };
+        // The first candidate does not wait for the proof, nor do the others for who works it out.
+        let is_first = last == f64::NEG_INFINITY;
+        let steps_lower_bound = if is_first { self.bound.get().copied() } else { Some(self.bound()) };
         self.lock(|board| {
-            if elapsed_s - board.last_progress >= PROGRESS_PERIOD_S {
-                // The first plan does not wait for the proof.
-                let is_first = board.last_progress == f64::NEG_INFINITY;
-                board.last_progress = elapsed_s;
-                let phase = if board.best.is_some() { "improve" } else { "search" };
-                let steps_lower_bound = if is_first { self.bound.get().copied() } else { Some(self.bound()) };
-                (board.observe)(PlannerEvent::Progress { elapsed_s, phase, iterations, steps_lower_bound });
-            }
+            let phase = if board.best.is_some() { "improve" } else { "search" };
+            (board.observe)(PlannerEvent::Progress { elapsed_s, phase, iterations, steps_lower_bound });
         });
     }
 
@@ -398,10 +411,13 @@ impl<'a> Run<'a, '_> {
         }
         let candidate_s = self.control.deadline.elapsed_s();
         let mut plan = self.assemble(candidate, certificate);
+        let handed_in_s = self.control.deadline.elapsed_s();
         let verdict = verify(self.problem, &plan);
         let judged_s = self.control.deadline.elapsed_s();
         let valid = verdict.valid;
-        self.lock(|board| (board.observe)(PlannerEvent::Judged { candidate_s, judged_s, valid }));
+        self.lock(|board| {
+            (board.observe)(PlannerEvent::Judged { candidate_s, handed_in_s, judged_s, valid })
+        });
         if !verdict.valid {
             self.lock(|board| {
                 board.rejected += 1;

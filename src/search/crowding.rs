@@ -21,7 +21,7 @@ use super::chain::{Chain, query};
 use super::leg::Leg;
 use super::smart::Search;
 
-/// Random object poses tried before a carry counts as impossible in one hold at its end.
+/// Draws of a meeting place tried before a carry counts as impossible in one hold at its end.
 const HANDOFF_TRIES: usize = 400;
 
 /// Further samplings of contacts in a hold before they count as all in each other's way.

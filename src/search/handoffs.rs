@@ -19,9 +19,6 @@ const MOST_KEPT: usize = 400;
 /// Handoffs wanted of one query before some are chosen from.
 const WANTED: usize = 3;
 
-/// How many times as many tries are given to a query in vain.
-const INSISTENCE: usize = 3;
-
 /// Failed queries after which the same one is mostly taken for hopeless.
 const HOPELESS_AFTER: u32 = 2;
 
@@ -66,8 +63,8 @@ impl HandoffPool {
             }
             let mut fresh = contacts.handoffs(query, tries, WANTED, rng);
             if fresh.is_empty() && fitting.is_empty() {
-                // Before something is blamed for it.
-                fresh = contacts.handoffs(query, INSISTENCE * tries, 1, rng);
+                // By such a one the mode graph knows that it can be done.
+                fresh = contacts.witnessed_handoffs(query);
             }
             if fresh.is_empty() && fitting.is_empty() {
                 *self.failed.entry((key, giving, taking)).or_default() += 1;
@@ -84,7 +81,7 @@ impl HandoffPool {
     }
 
     /// Up to `wanted` handoffs that fit `query`, or more where more are known, the cheapest first; what is
-    /// missing is sampled anew with `tries` random object poses.
+    /// missing is sampled anew with `tries` draws of a meeting place.
     pub(super) fn many(
         &mut self,
         problem: &Problem,

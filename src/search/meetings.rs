@@ -14,8 +14,7 @@ use super::chain::Chain;
 use super::ground::{Grounder, GroundingFailure};
 use super::outline::Outline;
 
-/// Meetings known of each of two handoffs before they are chosen from; where no two of them are apart, and before the
-/// handoffs are said to clash.
+/// How many meetings of each of two handoffs are looked for: at first, and before the two are said to clash.
 const WANTED: [usize; 2] = [6, 24];
 
 /// Pairs of meetings that are apart to choose from.

@@ -175,6 +175,7 @@ impl<'a> Search<'a> {
     pub fn set_incumbent(&mut self, cost: [f64; 2]) {
         if self.best.is_none() {
             self.first_at = self.iterations;
+            self.planner.set_hasty(false);
             // What stood in the way of the first plan may be tried again.
             self.cuts.clear();
             self.version += 1;

@@ -16,8 +16,8 @@ use crate::jobs::{Idempotency, JobId, JobRecord, JobRequest, ProblemReader, Stor
 use crate::plan::{Metrics, Plan, StepsProof};
 use crate::problem::Problem;
 use crate::wire::{
-    self, Fault, FaultCode, JobFields, LibraryOnly, ReadLimits, ReadProblem, Resources, read_job,
-    unknown_workcell, with_workcell, workcell_reference,
+    self, Fault, FaultCode, JobFields, LibraryOnly, ReadLimits, ReadProblem, Remembering, Resources,
+    read_job, unknown_workcell, with_workcell, workcell_reference,
 };
 
 /// Longest idempotency key (bytes).
@@ -114,7 +114,8 @@ pub fn read_referring(
         Some((bundle, digest)) => (bundle, Some(digest.clone())),
         None => (&LibraryOnly, None),
     };
-    let mut read = wire::read_problem_value(&whole, resources, limits)
+    let resources = Remembering { resources, robots: workcells.robots() };
+    let mut read = wire::read_problem_value(&whole, &resources, limits)
         .map_err(|faults| ApiError::of_problem(below(pointer, faults)))?;
     read.warnings = below(pointer, read.warnings);
     Ok((read, digest))

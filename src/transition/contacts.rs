@@ -7,6 +7,7 @@ use std::sync::Arc;
 use crate::collision::{CollisionWorld, Exemption, Held, PathMotion, Scene};
 use crate::geometry::Pose;
 use crate::kinematics::Config;
+use crate::mode_graph::HandoffWitness;
 use crate::problem::Problem;
 use crate::run::{Rng, Seed};
 use crate::workcell::{ArmId, ObjectId};
@@ -294,7 +295,7 @@ impl<'a> Contacts<'a> {
         false
     }
 
-    /// Up to `most` handoffs, sampled with up to `tries` random poses: the cheapest of a handful, with their lines.
+    /// Up to `most` handoffs, sampled with up to `tries` draws of a meeting place: the cheapest of a handful, with their lines.
     /// For a pair of holds none comes twice.
     pub fn handoffs(
         &mut self,
@@ -315,6 +316,16 @@ impl<'a> Contacts<'a> {
         rng: &mut Rng,
     ) -> Vec<HandoffContact> {
         self.handoffs.first(query, tries, most, rng)
+    }
+
+    /// Handoffs that fit `query` of those by which the mode graph knows that arms can hand over.
+    pub fn witnessed_handoffs(&self, query: &HandoffQuery<'_>) -> Vec<HandoffContact> {
+        self.handoffs.witnessed(query)
+    }
+
+    /// Takes down a handoff of `object` that the mode graph was told of.
+    pub(super) fn witness(&mut self, arms: (ArmId, ArmId), object: ObjectId, witness: &HandoffWitness) {
+        self.handoffs.witness(arms, object, witness);
     }
 
     /// What is known of reach.

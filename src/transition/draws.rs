@@ -3,7 +3,7 @@
 //! Whether inverse kinematics brings two hands together depends on the two arms, on how their bases stand to each other,
 //! and on how their hands do; not on the object, and not on where in the workcell they are. So all such draws of equal
 //! stances are one numbered sequence, and the draw of a number is the same whoever asks for it, and whether it was asked
-//! for before. Of those that hit it is remembered, too, whether the handoff of an object of a class is free of collision.
+//! for before. Of those that hit it is remembered, too, whether the handoff of an object of a class is free of collision, and by which lines.
 
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -21,7 +21,7 @@ use super::memory::Class;
 pub(super) const MOST_DRAWN: usize = 192;
 
 /// What all draws may take up (bytes, about); beyond it all are forgotten.
-const MOST_BYTES: usize = 64 << 20;
+const MOST_BYTES: usize = 24 << 20;
 
 /// How two arms and their hands stand to each other.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -60,13 +60,16 @@ pub(super) type Lines = Arc<(Line, Line)>;
 pub(super) struct Meeting {
     pub(super) giving: Vec<Config>,
     pub(super) taking: Vec<Config>,
+    /// Whether it is one of a [`Sequence`], and not somebody's own.
+    is_kept: bool,
     /// What is known of handoffs here; `None` where a collision is in the way.
     grounded: Mutex<BTreeMap<Grounded, Option<Lines>>>,
 }
 
 impl Meeting {
-    pub(super) fn new(giving: Vec<Config>, taking: Vec<Config>) -> Self {
-        Self { giving, taking, grounded: Mutex::default() }
+    /// One that nobody else will look at.
+    pub(super) fn passing(giving: Vec<Config>, taking: Vec<Config>) -> Self {
+        Self { giving, taking, is_kept: false, grounded: Mutex::default() }
     }
 
     /// The lines of a handoff here, by `ground` where nobody asked for it before.
@@ -76,6 +79,9 @@ impl Meeting {
         draws: &Draws,
         ground: impl FnOnce() -> Option<(Line, Line)>,
     ) -> Option<Lines> {
+        if !self.is_kept {
+            return ground().map(Arc::new);
+        }
         if let Some(known) = lock(&self.grounded).get(&asked) {
             return known.clone();
         }
@@ -107,11 +113,13 @@ impl Sequence {
         stance: &Stance,
         number: usize,
         draws: &Draws,
-        mut draw: impl FnMut(&mut Rng) -> Option<Meeting>,
+        mut draw: impl FnMut(&mut Rng) -> Option<(Vec<Config>, Vec<Config>)>,
     ) -> Option<Arc<Meeting>> {
         let mut drawn = lock(&self.drawn);
         while drawn.len() <= number {
-            let meeting = draw(&mut stance.stream(drawn.len())).map(Arc::new);
+            let meeting = draw(&mut stance.stream(drawn.len())).map(|(giving, taking)| {
+                Arc::new(Meeting { giving, taking, is_kept: true, grounded: Mutex::default() })
+            });
             let configurations =
                 meeting.as_ref().map_or(0, |meeting| meeting.giving.len() + meeting.taking.len());
             draws.add(size_of::<Meeting>() + configurations * size_of::<Config>());
@@ -133,7 +141,7 @@ impl Draws {
     /// The sequence of a stance.
     pub(super) fn of(&self, stance: &Stance) -> Arc<Sequence> {
         let mut sequences = lock(&self.sequences);
-        if self.bytes.load(Ordering::Relaxed) > MOST_BYTES {
+        if self.bytes() > MOST_BYTES {
             // Whoever has one at hand keeps it as long as it is needed.
             sequences.clear();
             self.bytes.store(0, Ordering::Relaxed);
@@ -143,6 +151,17 @@ impl Draws {
         }
         self.add(size_of::<(Stance, Sequence)>());
         sequences.entry(*stance).or_default().clone()
+    }
+
+    /// How much they take up (about).
+    pub(super) fn bytes(&self) -> usize {
+        self.bytes.load(Ordering::Relaxed)
+    }
+
+    /// As when there are too many.
+    #[cfg(test)]
+    pub(super) fn forget(&self) {
+        self.add(MOST_BYTES + 1);
     }
 
     fn add(&self, bytes: usize) {

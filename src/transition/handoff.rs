@@ -12,6 +12,7 @@ use crate::collision::{
 };
 use crate::geometry::{PlacedShape, Pose, Vec3};
 use crate::kinematics::{Config, Reach};
+use crate::mode_graph::HandoffWitness;
 use crate::problem::Problem;
 use crate::run::Rng;
 use crate::workcell::{Arm, ArmId, ObjectId, ObjectModel, Symmetry, symmetry_rotations};
@@ -28,7 +29,8 @@ const DRAWS_OF_HOLDS: usize = 40;
 /// Candidates to choose from for each handoff that is wanted, where one may be nearer than another.
 const HANDFUL: usize = 6;
 
-/// Share of the arms' reach within which meetings are looked for: beyond it they would be at full stretch.
+/// Share of the arms' reach within which meetings are looked for: beyond it they would be at full stretch. Of arms that
+/// hardly reach each other half of what is left.
 const STRETCH: f64 = 0.9;
 
 /// Greatest reach (m) that counts, be it of an arm on an endless track.
@@ -82,12 +84,14 @@ pub(super) struct Handoffs<'a> {
     problem: &'a Problem,
     world: &'a CollisionWorld,
     memory: Arc<ReachMemory>,
-    /// By arm, the first arm that equals it but for its place, and the ball that its TCP does not leave.
+    /// By arm, the first arm that equals it but for its place, and the ball that its TCP never leaves.
     kinds: Vec<(usize, Ball)>,
     /// By object, its class in the memory, and the rotations that map its shape onto itself.
     classes: Arc<[(Class, Vec<UnitQuaternion<f64>>)]>,
     /// How many draws were looked at: by giver and receiver, and the giver's hold and the receiver's.
     seen: BTreeMap<(usize, usize, Grains, Grains), usize>,
+    /// What the mode graph was told: by giver, receiver and class.
+    witnessed: BTreeMap<(ArmId, ArmId, Class), Vec<HandoffWitness>>,
 }
 
 impl<'a> Handoffs<'a> {
@@ -103,7 +107,7 @@ impl<'a> Handoffs<'a> {
         };
         let classes = problem.objects.iter().map(class).collect();
         let kinds = (0..count).map(|arm| (first(arm), Ball::of(&problem.workcell.arms[arm]))).collect();
-        Self { problem, world, memory, kinds, classes, seen: BTreeMap::new() }
+        Self { problem, world, memory, kinds, classes, seen: BTreeMap::new(), witnessed: BTreeMap::new() }
     }
 
     pub(super) fn memory(&self) -> &Arc<ReachMemory> {
@@ -131,6 +135,48 @@ impl<'a> Handoffs<'a> {
         let seen = sampler.into_seen();
         self.seen = seen;
         found
+    }
+
+    /// Takes down a handoff of `object`, and that backwards in time where it is one.
+    pub(super) fn witness(
+        &mut self,
+        (giver, receiver): (ArmId, ArmId),
+        object: ObjectId,
+        witness: &HandoffWitness,
+    ) {
+        let (class, model) = (self.class(object), &self.problem.objects[object.0]);
+        self.witnessed.entry((giver, receiver, class)).or_default().push(witness.clone());
+        if model.approach == model.retreat {
+            self.witnessed.entry((receiver, giver, class)).or_default().push(witness.reversed());
+        }
+    }
+
+    /// Those of the handoffs taken down that fit `query`, with their lines.
+    pub(super) fn witnessed(&self, query: &HandoffQuery<'_>) -> Vec<HandoffContact> {
+        let key = (query.giver, query.receiver, self.class(query.object));
+        let has = |holds: &[(usize, Pose)], pose: &Pose| holds.iter().any(|(_, hold)| hold == pose);
+        let sampler = Sampler::new(self, query, BTreeMap::new());
+        let contact = |witness: &HandoffWitness| {
+            let HandoffWitness { giver_q, receiver_q, giver_hold, receiver_hold } = witness;
+            let (giver_hold, receiver_hold) = (giver_hold.object_in_tcp, receiver_hold.object_in_tcp);
+            if !has(query.giver_holds, &giver_hold) || !has(query.receiver_holds, &receiver_hold) {
+                return None;
+            }
+            let (giver_retreat, receiver_approach) =
+                sampler.lines((giver_q, &giver_hold), (receiver_q, &receiver_hold))?;
+            let cost = sampler.cost(giver_q, receiver_q);
+            let (giver_q, receiver_q) = (giver_q.clone(), receiver_q.clone());
+            Some(HandoffContact {
+                giver_hold,
+                receiver_hold,
+                giver_q,
+                receiver_q,
+                giver_retreat,
+                receiver_approach,
+                cost,
+            })
+        };
+        self.witnessed.get(&key).into_iter().flatten().filter_map(contact).collect()
     }
 
     /// [`Self::sample`] as if nothing had been looked at: what comes depends on the question and `rng` alone.
@@ -187,7 +233,10 @@ struct Sampler<'s, 'q> {
     bases: (Grains, Pose),
     meeting_place: MeetingPlace,
     /// By pair of holds, the receiver's counted within the giver's, where the hands fit; for those that were asked for.
-    pairs: Vec<Option<Option<Pair>>>,
+    pairs: Vec<Option<Option<Box<Pair>>>>,
+    /// By how the hands stand to each other, the draws that were looked at for any pair of holds: pairs that an object's
+    /// symmetry makes equal do not look at the same ones.
+    drawn: BTreeMap<Grains, usize>,
     seen: BTreeMap<(usize, usize, Grains, Grains), usize>,
 }
 
@@ -214,6 +263,7 @@ impl<'s, 'q> Sampler<'s, 'q> {
             meeting_place: MeetingPlace::new(from, to, &bases.pose()),
             bases: (bases, bases.pose()),
             pairs: std::iter::repeat_with(|| None).take(count).collect(),
+            drawn: BTreeMap::new(),
             seen,
         }
     }
@@ -248,7 +298,9 @@ impl<'s, 'q> Sampler<'s, 'q> {
     /// How far every pair of holds has come.
     fn into_seen(mut self) -> BTreeMap<(usize, usize, Grains, Grains), usize> {
         for pair in self.pairs.iter().flatten().flatten().filter(|pair| pair.seen > 0) {
-            self.seen.insert(seen_key(self.query, &pair.giver_hold, &pair.receiver_hold), pair.seen);
+            let seen =
+                self.seen.entry(seen_key(self.query, &pair.giver_hold, &pair.receiver_hold)).or_default();
+            *seen = pair.seen.max(*seen);
         }
         self.seen
     }
@@ -261,7 +313,7 @@ impl<'s, 'q> Sampler<'s, 'q> {
         matches!(self.pairs[pair], Some(Some(_)))
     }
 
-    fn begin(&self, pair: usize) -> Option<Pair> {
+    fn begin(&self, pair: usize) -> Option<Box<Pair>> {
         let query = self.query;
         let (g, r) = (pair / query.receiver_holds.len(), pair % query.receiver_holds.len());
         let (giver_hold, receiver_hold) = (query.giver_holds[g].1, query.receiver_holds[r].1);
@@ -272,7 +324,7 @@ impl<'s, 'q> Sampler<'s, 'q> {
             return None;
         }
         let seen = self.seen.get(&seen_key(query, &giver_hold, &receiver_hold)).copied().unwrap_or(0);
-        Some(Pair { giver_hold, receiver_hold, stance, sequence, seen, like: None })
+        Some(Box::new(Pair { giver_hold, receiver_hold, stance, sequence, seen, like: None }))
     }
 
     /// Two holds in which the hands do not touch each other; `None` when there are none.
@@ -305,13 +357,15 @@ impl<'s, 'q> Sampler<'s, 'q> {
                 (!solutions.is_empty()).then_some(solutions)
             };
             let giving = solve(giver, tcp)?;
-            Some(Meeting::new(giving, solve(receiver, bases.inverse() * tcp * hands)?))
+            Some((giving, solve(receiver, bases.inverse() * tcp * hands)?))
         };
-        let meeting = if pair.seen < MOST_DRAWN {
-            pair.seen += 1;
-            pair.sequence.get(&pair.stance, pair.seen - 1, draws, solve)
+        let drawn = self.drawn.entry(pair.stance.hands).or_default();
+        let next = pair.seen.max(*drawn);
+        let meeting = if next < MOST_DRAWN {
+            (pair.seen, *drawn) = (next + 1, next + 1);
+            pair.sequence.get(&pair.stance, next, draws, solve)
         } else {
-            solve(rng).map(Arc::new)
+            solve(rng).map(|(giving, taking)| Arc::new(Meeting::passing(giving, taking)))
         };
         let Some(meeting) = meeting else { return Draw::Miss };
         let (giving, taking) = (meeting.giving.iter().enumerate(), meeting.taking.iter().enumerate());
@@ -441,7 +495,7 @@ fn rotations_of(shapes: &[PlacedShape]) -> Vec<UnitQuaternion<f64>> {
     }
 }
 
-/// A ball in an arm's base frame within which its TCP is looked for.
+/// A ball in an arm's base frame that its TCP never leaves.
 #[derive(Debug, Clone, Copy)]
 struct Ball {
     /// Its centre (m).
@@ -454,7 +508,7 @@ impl Ball {
     fn of(arm: &Arm) -> Self {
         let Reach { centre, radius } = arm.model.reach_within(&arm.limits);
         let tool = arm.tool.tcp.translation.vector.norm();
-        Self { centre, radius: (STRETCH * (radius + tool)).min(GREATEST_RADIUS) }
+        Self { centre, radius: (radius + tool).min(GREATEST_RADIUS) }
     }
 }
 
@@ -472,9 +526,12 @@ impl MeetingPlace {
     /// Of a giver and a receiver, each in its base frame, of which the receiver's is at `bases` in the giver's.
     fn new(giver: Ball, receiver: Ball, bases: &Pose) -> Self {
         let centre = (bases * nalgebra::Point3::from(receiver.centre)).coords;
-        let (a, b) = (giver, Ball { centre, ..receiver });
-        let between = b.centre - a.centre;
+        let between = centre - giver.centre;
         let apart = between.norm();
+        let stretched = apart / (giver.radius + receiver.radius);
+        let stretch = STRETCH.max((1.0 + stretched) / 2.0).min(1.0);
+        let a = Ball { radius: stretch * giver.radius, ..giver };
+        let b = Ball { centre, radius: stretch * receiver.radius };
         let along = UnitQuaternion::rotation_between(&Vec3::z(), &between)
             .unwrap_or_else(|| UnitQuaternion::from_axis_angle(&Vec3::x_axis(), std::f64::consts::PI));
         let range = ((-a.radius).max(apart - b.radius), a.radius.min(apart + b.radius));
@@ -489,7 +546,7 @@ impl MeetingPlace {
         Self { balls: [a, b], along, range, aside }
     }
 
-    /// A random place, uniformly distributed; `None` where there is none.
+    /// A random place, uniformly distributed (rejection sampling from a box about it); `None` where there is none.
     fn draw(&self, rng: &mut Rng) -> Option<Vec3> {
         let (low, high) = self.range;
         if low >= high || self.aside <= 0.0 {

@@ -15,7 +15,7 @@ use super::contacts::{Contacts, bits};
 use super::handoff::HandoffQuery;
 use super::memory::{HandoffQuestion, Matter, ReachMemory, RestQuestion};
 
-/// Object poses tried before a handoff counts as impossible.
+/// Draws of a meeting place tried before a handoff counts as impossible.
 const HANDOFF_TRIES: usize = 400;
 
 /// Reach by sampled transitions; what it grounds stays in its [`Contacts`], what it finds out in a
@@ -158,6 +158,9 @@ impl Reach for SampledReach<'_> {
         let class = self.contacts.class(object);
         let question = HandoffQuestion::new(class, (giver, giver_holds), (receiver, receiver_holds));
         if let Some(known) = question.as_ref().and_then(|question| self.contacts.memory().handoff(question)) {
+            if let Some(witness) = &known {
+                self.contacts.witness((giver, receiver), object, witness);
+            }
             return known;
         }
         let holds = |holds: &[Hold]| -> Vec<(usize, Pose)> {
@@ -184,6 +187,9 @@ impl Reach for SampledReach<'_> {
             giver_q: contact.giver_q,
             receiver_q: contact.receiver_q,
         });
+        if let Some(witness) = &witness {
+            self.contacts.witness((giver, receiver), object, witness);
+        }
         if let Some(question) = question {
             self.contacts.memory().learn_handoff(question, witness.clone());
         }

@@ -4,7 +4,9 @@ use rand::Rng as _;
 
 use super::grains::Grains;
 use super::{ContactKind, ContactQuery, Contacts, HandoffQuery, ReachMemory};
-use crate::collision::{CollisionWorld, Exemption, Held, Scene};
+use crate::collision::{
+    CollisionWorld, Exemption, Held, JointMotion as _, PathMotion, Scene, StraightMotion,
+};
 use crate::geometry::Pose;
 use crate::problem::{InitialPlacement, Problem};
 use crate::run::Seed;
@@ -171,7 +173,7 @@ fn clear_contacts_are_remembered_as_they_are() {
     assert!(clear > 100 && blocked > 50, "{clear} {blocked}");
 }
 
-/// Handoffs of object 0 between all pairs of arms that are neighbours, by a few of its grasps.
+/// A few grasps of object 0.
 fn handoff_holds(problem: &Problem) -> Vec<(usize, Pose)> {
     let grasps = problem.objects[0].grasps.iter().enumerate().step_by(5);
     grasps.map(|(number, grasp)| (number, grasp.object_in_tcp)).collect()
@@ -228,6 +230,21 @@ fn in_a_handoff_both_hands_hold_one_object_and_nothing_touches() {
                 (a, &found.giver_q, None, touching),
                 (b, &found.receiver_q, Some(&taking), none)
             ));
+            let (approach, retreat) = (
+                PathMotion::new(&found.receiver_approach.waypoints),
+                PathMotion::new(&found.giver_retreat.waypoints),
+            );
+            let (p, q) = (StraightMotion::rest(&found.giver_q), StraightMotion::rest(&found.receiver_q));
+            assert!(world.motions_apart(
+                (a, &p, Some(&giving), none),
+                (b, &approach, None, touching),
+                approach.span()
+            ));
+            assert!(world.motions_apart(
+                (a, &retreat, None, touching),
+                (b, &q, Some(&taking), none),
+                retreat.span()
+            ));
             assert_eq!(found.giver_retreat.waypoints[0], found.giver_q);
             assert_eq!(found.receiver_approach.waypoints[0], found.receiver_q);
             seen += 1;
@@ -242,7 +259,7 @@ fn handoffs_do_not_depend_on_what_is_remembered() {
     let (one, other) = (problem(8), problem(9));
     let (world, other_world) = (CollisionWorld::new(&one), CollisionWorld::new(&other));
     let holds = handoff_holds(&one);
-    let ask = |contacts: &mut Contacts<'_>, seed: u64| -> Vec<(Vec<f64>, Vec<f64>)> {
+    let ask = |contacts: &mut Contacts<'_>, seed: u64| -> Vec<String> {
         let mut rng = Seed(seed).stream("handoffs");
         let mut found = Vec::new();
         for arms in NEIGHBOURS {
@@ -252,18 +269,36 @@ fn handoffs_do_not_depend_on_what_is_remembered() {
                 found.extend(contacts.first_handoffs(&query, 100, 1, &mut Seed(5).stream("first")));
             }
         }
-        found.into_iter().map(|contact| (contact.giver_q.to_vec(), contact.receiver_q.to_vec())).collect()
+        found.into_iter().map(|contact| format!("{contact:?}")).collect()
     };
     let rng = || Seed(1).stream("contacts");
     let fresh = ask(&mut Contacts::new(&one, &world, rng()), 1);
     assert!(fresh.len() > 20, "{}", fresh.len());
     let memory = std::sync::Arc::new(ReachMemory::new());
-    // An equal workcell with other arrangements, asked by other dice.
+    // An equal workcell with other arrangements, asked by other dice, and by two at once.
     ask(&mut Contacts::remembering(&other, &other_world, rng(), memory.clone()), 2);
+    let known = memory.draws().bytes();
+    assert!(known > 0);
     for _ in 0..2 {
-        assert_eq!(ask(&mut Contacts::remembering(&one, &world, rng(), memory.clone()), 1), fresh);
+        std::thread::scope(|scope| {
+            for seed in [1, 6, 1] {
+                let (memory, fresh) = (memory.clone(), &fresh);
+                let (one, world) = (&one, &world);
+                scope.spawn(move || {
+                    let found = ask(&mut Contacts::remembering(one, world, rng(), memory), seed);
+                    assert_eq!(found == *fresh, seed == 1);
+                });
+            }
+        });
     }
-    assert_ne!(ask(&mut Contacts::remembering(&one, &world, rng(), memory), 4), fresh);
+    // What was asked for is remembered, and what was remembered is not worked out again.
+    let learnt = memory.draws().bytes();
+    assert!(learnt > known);
+    assert_eq!(ask(&mut Contacts::remembering(&one, &world, rng(), memory.clone()), 1), fresh);
+    assert_eq!(memory.draws().bytes(), learnt);
+    // All is forgotten when it is too much, and comes back as it was.
+    memory.draws().forget();
+    assert_eq!(ask(&mut Contacts::remembering(&one, &world, rng(), memory), 1), fresh);
 }
 
 #[test]

@@ -2,8 +2,10 @@
 
 use std::path::{Component, Path, PathBuf};
 
-/// Gives the content of what a document refers to. Implementations touch no network and start no
-/// process.
+use super::problem::KnownRobots;
+
+/// Gives the content of what a document refers to, and may keep what was made of the like before. Implementations touch
+/// no network and start no process.
 pub trait Resources {
     /// The bytes at `path`, a path with forward slashes relative to the document's folder or
     /// bundle, already free of `..` and not absolute.
@@ -11,6 +13,11 @@ pub trait Resources {
     /// # Errors
     /// Says why it cannot be had.
     fn read(&self, path: &str, max_bytes: usize) -> Result<Vec<u8>, ResourceError>;
+
+    /// The robots of documents that were read before, where they are kept.
+    fn known_robots(&self) -> Option<&KnownRobots> {
+        None
+    }
 }
 
 /// Why a file could not be had.
@@ -46,6 +53,24 @@ pub struct LibraryOnly;
 impl Resources for LibraryOnly {
     fn read(&self, _path: &str, _max_bytes: usize) -> Result<Vec<u8>, ResourceError> {
         Err(ResourceError::NoFiles)
+    }
+}
+
+/// Files from elsewhere, and robots from documents that were read before.
+pub struct Remembering<'a> {
+    /// Where files come from.
+    pub resources: &'a dyn Resources,
+    /// The robots.
+    pub robots: &'a KnownRobots,
+}
+
+impl Resources for Remembering<'_> {
+    fn read(&self, path: &str, max_bytes: usize) -> Result<Vec<u8>, ResourceError> {
+        self.resources.read(path, max_bytes)
+    }
+
+    fn known_robots(&self) -> Option<&KnownRobots> {
+        Some(self.robots)
     }
 }
 

@@ -103,17 +103,19 @@ impl SphericalSeven {
         max_step: f64,
     ) -> Option<Config> {
         let (elbow, angles) = self.continued(target, seed)?;
-        let kept = branches_of(elbow)
+        let (shoulder, wrist) = self.sides_of(seed);
+        let same = Branch { elbow, shoulder, wrist };
+        // Near a singular shoulder or wrist another branch may be as good a continuation.
+        let kept = std::iter::once(same)
+            .chain(branches_of(elbow).filter(|branch| *branch != same))
             .filter_map(|branch| angles.within(branch, limits, seed))
-            .filter(|q| within_step(q, seed, max_step))
-            .min_by(|a, b| square(a, seed).total_cmp(&square(b, seed)));
+            .find(|q| within_step(q, seed, max_step));
         if let Some(q) = kept {
             return Some(q.into_iter().collect());
         }
         let aim = self.aim(target, Some(seed))?;
-        let (shoulder, wrist) = self.sides_of(seed);
         let mut windows = SmallVec::new();
-        self.windows(&aim, limits, seed, Some(Branch { elbow, shoulder, wrist }), &mut windows);
+        self.windows(&aim, limits, seed, Some(same), &mut windows);
         windows
             .iter()
             .filter_map(|window| {

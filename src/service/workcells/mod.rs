@@ -15,6 +15,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use redb::{Database, ReadableDatabase, ReadableTable, TableDefinition};
 
 use crate::jobs::{StoreError, Timestamp};
+use crate::wire::KnownRobots;
 
 /// Bundles by digest.
 const BUNDLES: TableDefinition<'static, &str, &[u8]> = TableDefinition::new("workcell_bundles");
@@ -67,6 +68,7 @@ pub struct Workcells {
     limit: usize,
     most_bytes: u64,
     writing: Mutex<()>,
+    robots: KnownRobots,
 }
 
 fn broken(error: impl std::fmt::Display) -> RegistryError {
@@ -96,7 +98,7 @@ impl Workcells {
             }
         }
         transaction.commit().map_err(broken)?;
-        Ok(Self { database, limit, most_bytes, writing: Mutex::default() })
+        Ok(Self { database, limit, most_bytes, writing: Mutex::default(), robots: KnownRobots::new() })
     }
 
     /// Registers `bundle`, whose digest is `digest`, under `id`. Versions in `used` stay whatever
@@ -194,6 +196,11 @@ impl Workcells {
                 Ok(Registered { id: id.value().to_owned(), digest: digest.to_owned(), at })
             })
             .collect()
+    }
+
+    /// The robots of what was read before.
+    pub fn robots(&self) -> &KnownRobots {
+        &self.robots
     }
 
     /// The workcell of that id or digest.

@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
 use super::context::{Context, Named};
-use super::known_robots::{OverlapKey, overlapping};
+use super::known_robots::{KnownRobots, OverlapKey};
 use super::robot::{LoadedModel, ModelCache, RobotSpec, read_joint_values, read_limits};
 use super::shape::{read_shape, shape_bits};
 use super::statics::optional_pose;
@@ -22,6 +22,9 @@ const DEFAULT_ACCELERATION_FACTOR: f64 = 5.0;
 pub struct ArmReader<'s> {
     robots: &'s BTreeMap<String, Option<RobotSpec>>,
     models: ModelCache,
+    /// What is known of this document's robots alone, and of those of others.
+    own: KnownRobots,
+    known: Option<&'s KnownRobots>,
     warned: BTreeSet<String>,
     /// Joints on the chain of some arm of each robot.
     chains: BTreeMap<String, BTreeSet<String>>,
@@ -38,8 +41,14 @@ pub fn read_arms(
     if node.value.as_array().is_some_and(Vec::is_empty) {
         node.fault(&mut context.faults, FaultCode::OutOfRange, "there is no arm; give at least one");
     }
-    let mut reader =
-        ArmReader { robots, models: ModelCache::default(), warned: BTreeSet::new(), chains: BTreeMap::new() };
+    let mut reader = ArmReader {
+        robots,
+        own: KnownRobots::new(),
+        known: context.resources.known_robots(),
+        models: ModelCache::default(),
+        warned: BTreeSet::new(),
+        chains: BTreeMap::new(),
+    };
     let arms: Vec<_> =
         elements.iter().enumerate().map(|(index, node)| reader.read_arm(index, node, context)).collect();
     reader.note_unused_limits(context);
@@ -190,7 +199,8 @@ impl ArmReader<'_> {
             limits: limits.to_vec(),
             exempt: pairs.iter().copied().collect(),
         };
-        let found = overlapping(key, || {
+        let known = self.known.filter(|known| known.keeps(model)).unwrap_or(&self.own);
+        let found = known.overlapping(key, || {
             let mut rng = Seed(0).stream("workcell/contacts");
             contacts::almost_always_overlapping(model, &tool.shapes, limits, &pairs, &mut rng)
         });

@@ -1,5 +1,5 @@
-//! Robots that were read before, for all documents of the process: what is made of a URDF without meshes depends on its
-//! text, and to parse it takes longer than everything else in a document.
+//! Robots that were read before: what is made of a URDF without meshes depends on its text, and to parse it takes longer
+//! than everything else in a document.
 
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -18,7 +18,7 @@ const MOST_OVERLAPPING: usize = 128;
 
 /// All that decides a model without meshes.
 #[derive(Debug, Clone, PartialEq)]
-pub struct ModelKey {
+pub(super) struct RobotKey {
     /// The robot's name in the document.
     pub name: String,
     /// Its URDF.
@@ -31,7 +31,7 @@ pub struct ModelKey {
 
 /// All that decides which pairs of rigid groups overlap almost always.
 #[derive(Debug, Clone)]
-pub struct OverlapKey {
+pub(super) struct OverlapKey {
     /// The model, told apart by its place in memory.
     pub model: Arc<ArmModel>,
     /// The tool's shapes, as numbers.
@@ -52,48 +52,71 @@ impl PartialEq for OverlapKey {
 }
 
 /// A model with what is to be said of it.
-pub type Model = (Arc<ArmModel>, Vec<UrdfWarning>);
+pub(super) type Model = (Arc<ArmModel>, Vec<UrdfWarning>);
 
-#[derive(Debug)]
+/// Models of robots without meshes, and which of their rigid groups overlap almost always; bounded in number, shared by
+/// threads. A document means the same whether its robots are known.
+#[derive(Debug, Default)]
+pub struct KnownRobots(Mutex<Known>);
+
+#[derive(Debug, Default)]
 struct Known {
-    models: Vec<(ModelKey, Model)>,
+    models: Vec<(RobotKey, Model)>,
     overlapping: Vec<(OverlapKey, Vec<GroupPair>)>,
 }
 
-static KNOWN: Mutex<Known> = Mutex::new(Known { models: Vec::new(), overlapping: Vec::new() });
-
-fn known() -> MutexGuard<'static, Known> {
-    KNOWN.lock().unwrap_or_else(PoisonError::into_inner)
-}
-
-/// The model that was kept for `key`.
-pub fn model(key: &ModelKey) -> Option<Model> {
-    known().models.iter().find(|(known, _)| known == key).map(|(_, model)| model.clone())
-}
-
-/// Keeps a model that no mesh went into.
-pub fn keep_model(key: ModelKey, model: &Model) {
-    if key.urdf.len() > LONGEST_URDF {
-        return;
+impl KnownRobots {
+    /// None known.
+    pub fn new() -> Self {
+        Self::default()
     }
-    let mut known = known();
-    if known.models.len() >= MOST_MODELS {
-        known.models.clear();
-        known.overlapping.clear();
-    }
-    known.models.push((key, model.clone()));
-}
 
-/// The pairs that overlap almost always, by `find` where nobody asked before.
-pub fn overlapping(key: OverlapKey, find: impl FnOnce() -> Vec<GroupPair>) -> Vec<GroupPair> {
-    if let Some((_, pairs)) = known().overlapping.iter().find(|(known, _)| *known == key) {
-        return pairs.clone();
+    fn known(&self) -> MutexGuard<'_, Known> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
-    let pairs = find();
-    let mut known = known();
-    if known.overlapping.len() >= MOST_OVERLAPPING {
-        known.overlapping.clear();
+
+    /// The model that was kept for `key`.
+    pub(super) fn model(&self, key: &RobotKey) -> Option<Model> {
+        self.known().models.iter().find(|(known, _)| known == key).map(|(_, model)| model.clone())
     }
-    known.overlapping.push((key, pairs.clone()));
-    pairs
+
+    /// Whether `model` is one of those kept: another has its like in no other document.
+    pub(super) fn keeps(&self, model: &Arc<ArmModel>) -> bool {
+        self.known().models.iter().any(|(_, (known, _))| Arc::ptr_eq(known, model))
+    }
+
+    /// Keeps a model that no mesh went into; the one for `key`, be it this or what another was quicker to keep.
+    pub(super) fn keep_model(&self, key: RobotKey, model: Model) -> Model {
+        if key.urdf.len() > LONGEST_URDF {
+            return model;
+        }
+        let mut known = self.known();
+        if let Some((_, first)) = known.models.iter().find(|(known, _)| *known == key) {
+            return first.clone();
+        }
+        if known.models.len() >= MOST_MODELS {
+            known.models.clear();
+            known.overlapping.clear();
+        }
+        known.models.push((key, model.clone()));
+        model
+    }
+
+    /// The pairs that overlap almost always, by `find` where nobody asked before.
+    pub(super) fn overlapping(
+        &self,
+        key: OverlapKey,
+        find: impl FnOnce() -> Vec<GroupPair>,
+    ) -> Vec<GroupPair> {
+        if let Some((_, pairs)) = self.known().overlapping.iter().find(|(known, _)| *known == key) {
+            return pairs.clone();
+        }
+        let pairs = find();
+        let mut known = self.known();
+        if known.overlapping.len() >= MOST_OVERLAPPING {
+            known.overlapping.clear();
+        }
+        known.overlapping.push((key, pairs.clone()));
+        pairs
+    }
 }

@@ -17,6 +17,7 @@ mod shape;
 mod statics;
 mod triangles;
 
+pub use known_robots::KnownRobots;
 pub use limits::ReadLimits;
 
 use std::collections::BTreeMap;

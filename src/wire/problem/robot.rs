@@ -6,7 +6,7 @@ use std::rc::Rc;
 use std::sync::Arc;
 
 use super::context::Context;
-use super::known_robots;
+use super::known_robots::RobotKey;
 use super::meshes::{Meshes, code_of};
 use crate::geometry::{ConvexHull, Vec3};
 use crate::kinematics::{
@@ -316,22 +316,20 @@ impl ModelCache {
         let mut usable = true;
         let mut left = MAX_UNKNOWN_JOINTS;
         let (model, warnings) = loop {
-            let key = known_robots::ModelKey {
-                name: spec.name.clone(),
-                urdf: spec.urdf.text.clone(),
-                mount: mount.to_owned(),
-                held: held.clone(),
-            };
-            if let Some(known) = known_robots::model(&key) {
-                break known;
+            let known = context.resources.known_robots().map(|robots| {
+                let (name, urdf, mount) = (spec.name.clone(), spec.urdf.text.clone(), mount.to_owned());
+                (robots, RobotKey { name, urdf, mount, held: held.clone() })
+            });
+            if let Some(model) = known.as_ref().and_then(|(robots, key)| robots.model(key)) {
+                break model;
             }
             match ArmModel::from_urdf(&spec.name, &spec.urdf.text, mount, &held, &meshes) {
                 Ok((model, warnings)) => {
                     let loaded = (Arc::new(model), warnings);
-                    if meshes.is_untouched() {
-                        known_robots::keep_model(key, &loaded);
-                    }
-                    break loaded;
+                    break match known.filter(|_| meshes.is_untouched()) {
+                        Some((robots, key)) => robots.keep_model(key, loaded),
+                        None => loaded,
+                    };
                 }
                 Err(error) => {
                     self.note(&error, spec, mount_pointer, home, context);

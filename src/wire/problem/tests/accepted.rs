@@ -1,9 +1,13 @@
 //! What good documents mean.
 
+use std::sync::Arc;
+
+use super::super::KnownRobots;
 use super::*;
 use crate::problem::{
     ContactPartner, GoalPlacement, GuidanceKind, InitialPlacement, Objective, Options, Stop,
 };
+use crate::wire::Remembering;
 use crate::workcell::{ArmId, ObjectId, ObstacleId, SurfaceId, Symmetry};
 
 #[test]
@@ -260,24 +264,55 @@ fn capacities_that_nothing_fills_are_warned_of() {
     assert!(warned.contains(&("/workcell/surfaces/0/capacity", FaultCode::CapacityExceeded)), "{warned:?}");
 }
 
-/// Documents with the same robots share their models; anything that decides a model tells them apart.
+/// Documents with the same robots share their models where these are kept; anything that decides a model tells them
+/// apart, and what is said of a document stays the same.
 #[test]
 fn robots_that_were_read_before_are_the_same() {
-    let model = |document: &Value| accepted(document).problem.workcell.arms[0].clone();
-    let document = switch();
-    let (first, again) = (model(&document), model(&document));
-    assert!(std::sync::Arc::ptr_eq(&first.model, &again.model));
-    assert_eq!(first.exempt_groups, again.exempt_groups);
-    let mut small_document = small();
-    let small_arm = model(&small_document);
-    assert!(!std::sync::Arc::ptr_eq(&small_arm.model, &first.model));
-    // What is said of a robot is said of every document.
-    let warnings = |document: &Value| lines(&accepted(document).warnings);
-    assert_eq!(warnings(&small_document), warnings(&small_document));
+    let robots = KnownRobots::new();
+    let resources = Remembering { resources: &LibraryOnly, robots: &robots };
+    let limits = ReadLimits::default();
+    let model = |document: &Value| {
+        let read = read_problem_value(document, &resources, &limits).unwrap();
+        let fresh = accepted(document);
+        assert_eq!(lines(&read.warnings), lines(&fresh.warnings));
+        let (arm, other) = (&read.problem.workcell.arms[0], &fresh.problem.workcell.arms[0]);
+        assert_eq!(
+            (&arm.exempt_groups, &arm.limits, &arm.home),
+            (&other.exempt_groups, &other.limits, &other.home)
+        );
+        assert!(!Arc::ptr_eq(&arm.model, &other.model));
+        arm.model.clone()
+    };
+    let first = model(&switch());
+    assert!(Arc::ptr_eq(&first, &model(&switch())));
+    let mut document = small();
+    let small_model = model(&document);
+    assert!(Arc::ptr_eq(&small_model, &model(&document)) && !Arc::ptr_eq(&small_model, &first));
     let longer = SMALL_URDF.replace("0.4 0.05 0.05", "0.5 0.05 0.05");
     assert_ne!(longer, SMALL_URDF);
-    set(&mut small_document, "/workcell/robots/small/urdf_xml", json!(longer));
-    let longer_arm = model(&small_document);
-    assert!(!std::sync::Arc::ptr_eq(&small_arm.model, &longer_arm.model));
-    assert!(std::sync::Arc::ptr_eq(&small_arm.model, &model(&small()).model));
+    set(&mut document, "/workcell/robots/small/urdf_xml", json!(longer));
+    assert!(!Arc::ptr_eq(&small_model, &model(&document)));
+    assert!(Arc::ptr_eq(&small_model, &model(&small())));
+    // Faults are those of a first reading, time after time.
+    let broken = |pointer: &str, value: Value| {
+        let mut document = small();
+        set(&mut document, pointer, value);
+        document
+    };
+    let mesh = SMALL_URDF.replace("<box size=\"0.1 0.1 0.1\"/>", "<mesh filename=\"package://p/a.stl\"/>");
+    for document in [
+        broken("/workcell/robots/small/urdf_xml", json!("<robot")),
+        broken("/workcell/robots/small/urdf_xml", json!(mesh)),
+        broken(
+            "/workcell/robots/small/srdf_xml",
+            json!("<robot name=\"small\"><disable_collisions link1=\"no\" link2=\"none\"/></robot>"),
+        ),
+        broken("/workcell/arms/0/home", json!({ "nothing": 0.1 })),
+        broken("/workcell/arms/0/tool/mount_link", json!("nowhere")),
+    ] {
+        let faults = lines(&read(&document).unwrap_err());
+        for _ in 0..2 {
+            assert_eq!(lines(&read_problem_value(&document, &resources, &limits).unwrap_err()), faults);
+        }
+    }
 }
