@@ -19,6 +19,9 @@ const MOST_KEPT: usize = 400;
 /// Handoffs wanted of one query before some are chosen from.
 const WANTED: usize = 3;
 
+/// How many times as many tries are given to a query in vain.
+const INSISTENCE: usize = 3;
+
 /// Failed queries after which the same one is mostly taken for hopeless.
 const HOPELESS_AFTER: u32 = 2;
 
@@ -65,6 +68,10 @@ impl HandoffPool {
             if fresh.is_empty() && fitting.is_empty() {
                 // By such a one the mode graph knows that it can be done.
                 fresh = contacts.witnessed_handoffs(query);
+            }
+            if fresh.is_empty() && fitting.is_empty() {
+                // Before something is blamed for it.
+                fresh = contacts.handoffs(query, INSISTENCE * tries, 1, rng);
             }
             if fresh.is_empty() && fitting.is_empty() {
                 *self.failed.entry((key, giving, taking)).or_default() += 1;
