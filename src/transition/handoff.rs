@@ -11,7 +11,7 @@ use crate::collision::{
     CollisionWorld, Exemption, Held, JointMotion as _, PathMotion, Scene, StraightMotion,
 };
 use crate::geometry::{PlacedShape, Pose, Vec3};
-use crate::kinematics::{Config, Reach};
+use crate::kinematics::Config;
 use crate::mode_graph::HandoffWitness;
 use crate::problem::Problem;
 use crate::run::Rng;
@@ -21,6 +21,7 @@ use super::contacts::same_hand;
 use super::draws::{Draws, Grounded, MOST_DRAWN, Meeting, Sequence, Stance};
 use super::grains::Grains;
 use super::line::Line;
+use super::meeting_place::{Ball, MeetingPlace};
 use super::memory::{Class, ReachMemory};
 
 /// Random pairs of holds that are looked at before all pairs are.
@@ -28,16 +29,6 @@ const DRAWS_OF_HOLDS: usize = 40;
 
 /// Candidates to choose from for each handoff that is wanted, where one may be nearer than another.
 const HANDFUL: usize = 6;
-
-/// Share of the arms' reach within which meetings are looked for: beyond it they would be at full stretch. Of arms that
-/// hardly reach each other half of what is left.
-const STRETCH: f64 = 0.9;
-
-/// Greatest reach (m) that counts, be it of an arm on an endless track.
-const GREATEST_RADIUS: f64 = 50.0;
-
-/// Places that are looked at for one that both arms may reach.
-const MOST_PLACES: usize = 64;
 
 /// Which handoff is asked for.
 #[derive(Debug, Clone)]
@@ -350,7 +341,7 @@ impl<'s, 'q> Sampler<'s, 'q> {
         let Some(Some(pair)) = &mut self.pairs[number] else { return Draw::NoHolds };
         let hands = pair.stance.hands.pose();
         let solve = |rng: &mut Rng| {
-            let tcp = Pose::from_parts(place.draw(rng)?.into(), random_rotation(rng));
+            let tcp = place.draw(rng)?;
             let mut solve = |arm: &Arm, tcp: Pose| {
                 let mut solutions = Vec::new();
                 arm.inverse(&(tcp * arm.tool.tcp.inverse()), 2, rng, &mut solutions);
@@ -495,77 +486,6 @@ fn rotations_of(shapes: &[PlacedShape]) -> Vec<UnitQuaternion<f64>> {
     }
 }
 
-/// A ball in an arm's base frame that its TCP never leaves.
-#[derive(Debug, Clone, Copy)]
-struct Ball {
-    /// Its centre (m).
-    centre: Vec3,
-    /// Its radius (m).
-    radius: f64,
-}
-
-impl Ball {
-    fn of(arm: &Arm) -> Self {
-        let Reach { centre, radius } = arm.model.reach_within(&arm.limits);
-        let tool = arm.tool.tcp.translation.vector.norm();
-        Self { centre, radius: (radius + tool).min(GREATEST_RADIUS) }
-    }
-}
-
-/// Where two arms' TCPs may come together, in the giver's base frame: in both of two balls.
-struct MeetingPlace {
-    balls: [Ball; 2],
-    /// Its z axis points from the giver's centre to the receiver's.
-    along: UnitQuaternion<f64>,
-    /// Range of z from the giver's centre (m), and the greatest distance (m) from the axis.
-    range: (f64, f64),
-    aside: f64,
-}
-
-impl MeetingPlace {
-    /// Of a giver and a receiver, each in its base frame, of which the receiver's is at `bases` in the giver's.
-    fn new(giver: Ball, receiver: Ball, bases: &Pose) -> Self {
-        let centre = (bases * nalgebra::Point3::from(receiver.centre)).coords;
-        let between = centre - giver.centre;
-        let apart = between.norm();
-        let stretched = apart / (giver.radius + receiver.radius);
-        let stretch = STRETCH.max((1.0 + stretched) / 2.0).min(1.0);
-        let a = Ball { radius: stretch * giver.radius, ..giver };
-        let b = Ball { centre, radius: stretch * receiver.radius };
-        let along = UnitQuaternion::rotation_between(&Vec3::z(), &between)
-            .unwrap_or_else(|| UnitQuaternion::from_axis_angle(&Vec3::x_axis(), std::f64::consts::PI));
-        let range = ((-a.radius).max(apart - b.radius), a.radius.min(apart + b.radius));
-        // Where the spheres cross, if it is between the centres.
-        let square = a.radius * a.radius;
-        let crossing = (apart * apart + square - b.radius * b.radius) / (2.0 * apart);
-        let is_between = (0.0..=apart).contains(&crossing);
-        let aside = match is_between {
-            true => (square - crossing * crossing).max(0.0).sqrt(),
-            false => a.radius.min(b.radius),
-        };
-        Self { balls: [a, b], along, range, aside }
-    }
-
-    /// A random place, uniformly distributed (rejection sampling from a box about it); `None` where there is none.
-    fn draw(&self, rng: &mut Rng) -> Option<Vec3> {
-        let (low, high) = self.range;
-        if low >= high || self.aside <= 0.0 {
-            return None;
-        }
-        for _ in 0..MOST_PLACES {
-            let mut within = |half: f64| half * rng.random_range(-1.0..1.0);
-            let (x, y) = (within(self.aside), within(self.aside));
-            let offset = Vec3::new(x, y, rng.random_range(low..high));
-            let place = self.balls[0].centre + self.along * offset;
-            let is_in = |ball: &Ball| (place - ball.centre).norm_squared() <= ball.radius * ball.radius;
-            if self.balls.iter().all(is_in) {
-                return Some(place);
-            }
-        }
-        None
-    }
-}
-
 /// Least time (s) from `from` to `to` at the joints' greatest speeds.
 pub fn travel_time(arm: &Arm, from: &[f64], to: &[f64]) -> f64 {
     from.iter()
@@ -573,17 +493,4 @@ pub fn travel_time(arm: &Arm, from: &[f64], to: &[f64]) -> f64 {
         .zip(&arm.limits)
         .map(|((a, b), limit)| (a - b).abs() / limit.velocity)
         .fold(0.0, f64::max)
-}
-
-/// A uniformly distributed rotation (Shoemake 1992).
-fn random_rotation(rng: &mut Rng) -> nalgebra::UnitQuaternion<f64> {
-    use std::f64::consts::TAU;
-    let (u, v, w): (f64, f64, f64) = (rng.random(), rng.random_range(0.0..TAU), rng.random_range(0.0..TAU));
-    let (a, b) = ((1.0 - u).sqrt(), u.sqrt());
-    nalgebra::UnitQuaternion::from_quaternion(nalgebra::Quaternion::new(
-        b * w.cos(),
-        a * v.sin(),
-        a * v.cos(),
-        b * w.sin(),
-    ))
 }

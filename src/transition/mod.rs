@@ -12,6 +12,7 @@ mod grains;
 mod handoff;
 mod hands;
 mod line;
+mod meeting_place;
 mod memory;
 mod reach;
 
