@@ -268,9 +268,9 @@ impl Ends {
         clear.next().is_none() && !holds.is_empty()
     }
 
-    /// The giver's hold and the receiver's by which grasps fit together from the start to the goal, with the giver taking the object in one
-    /// hold of the first list and the receiver, which may be the same arm, placing it in one of the
-    /// second.
+    /// The giver's hold and the receiver's by which grasps fit together from the start to the goal, with the giver
+    /// taking the object in one hold of the first list and the receiver, which may be the same arm, placing it in
+    /// one of the second.
     fn fit(
         &self,
         surveyor: &mut Surveyor<'_>,

@@ -139,6 +139,7 @@ impl<'a> Search<'a> {
             first_at: 0,
             prepared: None,
         };
+        search.planner.set_hasty(matches!(problem.options.guidance, GuidanceKind::Smart));
         search.guide(0, control);
         search.certificate = search.tree[0].guide.as_ref().and_then(|guide| guide.certificate);
         search.certified = search.certificate.is_some_and(|known| known.optimum.is_some());

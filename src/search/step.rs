@@ -45,7 +45,6 @@ impl Search<'_> {
         let mends = is_crowded || is_smart && self.best.is_none();
         let borne = if is_crowded && is_smart && guide.immediate.len() > 1 { FAILURES_BORNE } else { 0 };
         let thorough = self.tree[tau].failures > borne;
-        self.planner.set_hasty(is_smart && self.best.is_none());
         let (mut failures, mut crowds) = (Vec::new(), Vec::new());
         for attempt in 0..attempts {
             if control.should_stop() {

@@ -295,8 +295,8 @@ impl<'a> Contacts<'a> {
         false
     }
 
-    /// Up to `most` handoffs, sampled with up to `tries` draws of a meeting place: the cheapest of a handful, with their lines.
-    /// For a pair of holds none comes twice.
+    /// Up to `most` handoffs, sampled with up to `tries` draws of a meeting place: the cheapest of a handful, with
+    /// their lines. For a pair of holds none comes twice.
     pub fn handoffs(
         &mut self,
         query: &HandoffQuery<'_>,

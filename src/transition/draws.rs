@@ -3,7 +3,8 @@
 //! Whether inverse kinematics brings two hands together depends on the two arms, on how their bases stand to each other,
 //! and on how their hands do; not on the object, and not on where in the workcell they are. So all such draws of equal
 //! stances are one numbered sequence, and the draw of a number is the same whoever asks for it, and whether it was asked
-//! for before. Of those that hit it is remembered, too, whether the handoff of an object of a class is free of collision, and by which lines.
+//! for before. Of those that hit it is remembered, too, whether the handoff of an object of a class is free of collision,
+//! and by which lines.
 
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicUsize, Ordering};
