@@ -213,17 +213,19 @@ pub(super) fn boxes_meet<F: Float8>(
     F::bits(all) & active
 }
 
-/// Pairs of two arms whose boxes meet in the lanes `among`.
+/// Two limbs, by their numbers, that are near each other in some lanes.
+pub(super) type NearLimbs = (usize, usize, Bits8);
+
+/// Pairs of limbs of two arms that are near each other, in lanes of `among`, where the arms' boxes meet.
 #[inline(always)]
-pub(super) fn between_arms<F: Float8>(
+pub(super) fn limbs_near<F: Float8>(
     world: &CollisionWorld,
-    (first, second): (&Mover<'_>, &Mover<'_>),
     ((ours, others), bounds, other_bounds): Both<'_, F>,
     among: Bits8,
-    out: &mut Candidates,
-) {
+) -> SmallVec<[NearLimbs; 16]> {
+    let mut near = SmallVec::new();
     if among == 0 {
-        return;
+        return near;
     }
     let margin = F::splat(world.margin);
     let mut theirs: SmallVec<[usize; 8]> = SmallVec::new();
@@ -233,7 +235,7 @@ pub(super) fn between_arms<F: Float8>(
         }
     }
     if theirs.is_empty() {
-        return;
+        return near;
     }
     for (index, limb) in ours.iter().enumerate() {
         if !meets(limb, margin, other_bounds, among) {
@@ -245,24 +247,49 @@ pub(super) fn between_arms<F: Float8>(
             let squared = segment_segment_squared(&limb.axis(), &their.axis());
             let lanes = F::bits(squared.less(need * need)) & among;
             if lanes != 0 {
-                push_arms(world, (first, second), (index, their_index), lanes, out);
+                near.push((index, their_index, lanes));
             }
         }
     }
+    near
 }
 
-fn push_arms(
+/// Limbs that move farther (m) than this, both together, while they are near each other are too swift for it to be of use to
+/// look at what is in them.
+const SWIFT: f32 = 0.1;
+
+/// The lanes in which limbs that are `near` each other are too swift for a closer look; they are left out of the list.
+#[inline(always)]
+pub(super) fn leave_out_swift<F: Float8>(
+    (ours, others): (&[PlacedLimb<F>], &[PlacedLimb<F>]),
+    near: &mut SmallVec<[NearLimbs; 16]>,
+) -> Bits8 {
+    let mut swift = 0;
+    for &(index, other, lanes) in near.iter() {
+        let moves = ours[index].moves() + others[other].moves();
+        swift |= F::bits(F::splat(SWIFT).less(moves)) & lanes;
+    }
+    if swift != 0 {
+        near.iter_mut().for_each(|(.., lanes)| *lanes &= !swift);
+        near.retain(|(.., lanes)| *lanes != 0);
+    }
+    swift
+}
+
+/// Pairs of atoms in limbs of two arms that are near each other.
+pub(super) fn between_arms(
     world: &CollisionWorld,
     (first, second): (&Mover<'_>, &Mover<'_>),
-    limbs: (usize, usize),
-    lanes: Bits8,
+    near: &[NearLimbs],
     out: &mut Candidates,
 ) {
-    let (Some(ours), Some(theirs)) = (first.lanes.limb(limbs.0), second.lanes.limb(limbs.1)) else { return };
-    for &a in &ours.atoms {
-        for &b in &theirs.atoms {
-            if !first.may_touch_arm(a, second, b, world) {
-                out.push(Candidate { a, target: Target::Other(b), lanes });
+    for &(ours, theirs, lanes) in near {
+        let (Some(ours), Some(theirs)) = (first.lanes.limb(ours), second.lanes.limb(theirs)) else { continue };
+        for &a in &ours.atoms {
+            for &b in &theirs.atoms {
+                if !first.may_touch_arm(a, second, b, world) {
+                    out.push(Candidate { a, target: Target::Other(b), lanes });
+                }
             }
         }
     }

@@ -10,6 +10,9 @@ use crate::collision::certify::{JointMotion, Stations};
 use crate::collision::world::{CollisionWorld, Mover, Resting};
 use crate::geometry::lanes::{Bits8, Float8, Kernel};
 
+/// How often pieces in which limbs move far are cut before what is in the limbs is looked at.
+const MOST_COARSE: u8 = 6;
+
 /// Answers to several questions.
 pub(in crate::collision) type Answers = SmallVec<[bool; 8]>;
 
@@ -92,7 +95,7 @@ impl Kernel for Motions<'_, '_> {
             while let Some(job) = work.next() {
                 motion.sample(&job.pieces, &mut at.samples);
                 at.place(&mover.lanes, still);
-                if job.open.is_none() {
+                if job.is_fresh {
                     limbs.clear();
                     at.place_limbs(&mover.lanes, &mut limbs);
                     let found = &mut work.candidates;
@@ -115,7 +118,7 @@ impl Kernel for Motions<'_, '_> {
                 if blocked {
                     break;
                 }
-                work.cut(&job);
+                work.cut(&job, 0);
             }
             *free = !blocked;
         }
@@ -142,7 +145,8 @@ impl Kernel for Apart<'_> {
             at.place(&first.lanes, still);
             second.motion.sample(&job.pieces, &mut other_at.samples);
             other_at.place(&second.lanes, still);
-            if job.open.is_none() {
+            let mut swift = 0;
+            if job.is_fresh {
                 limbs.clear();
                 at.place_limbs(&first.lanes, &mut limbs);
                 others.clear();
@@ -150,7 +154,11 @@ impl Kernel for Apart<'_> {
                 let (boxes, other_boxes) = ((&at.low, &at.high), (&other_at.low, &other_at.high));
                 let among = broad::boxes_meet(world, boxes, other_boxes, job.active);
                 let placed = ((&limbs[..], &others[..]), boxes, other_boxes);
-                broad::between_arms(world, (first, second), placed, among, &mut work.candidates);
+                let mut near = broad::limbs_near(world, placed, among);
+                if job.depth < MOST_COARSE {
+                    swift = broad::leave_out_swift((&limbs, &others), &mut near);
+                }
+                broad::between_arms(world, (first, second), &near, &mut work.candidates);
             } else {
                 work.inherit(&job);
             }
@@ -164,7 +172,7 @@ impl Kernel for Apart<'_> {
                     work.stack.push(Candidate { lanes: found.open, ..*candidate });
                 }
             }
-            work.cut(&job);
+            work.cut(&job, swift);
         }
         None
     }
@@ -183,8 +191,12 @@ struct Job {
     /// By lane, the lane of the job before that it comes from.
     from: [u8; 8],
     active: Bits8,
-    /// Where its pairs are in the stack; `None` for all pairs.
-    open: Option<(usize, usize)>,
+    /// Whether all pairs are looked at, or those in the stack only.
+    is_fresh: bool,
+    /// Where its pairs are in the stack.
+    open: (usize, usize),
+    /// How often its pieces were cut.
+    depth: u8,
 }
 
 /// Jobs that are still to be done, and pairs that are open in them.
@@ -215,14 +227,14 @@ impl Work {
             filled[lane] = *piece;
             active |= 1 << lane;
         }
-        self.jobs.push(Job { pieces: filled, from: [0; 8], active, open: None });
+        self.jobs.push(Job { pieces: filled, from: [0; 8], active, is_fresh: true, open: (0, 0), depth: 0 });
     }
 
     /// The next job, the lists made ready for it.
     #[inline(always)]
     fn next(&mut self) -> Option<Job> {
         let job = self.jobs.pop()?;
-        self.stack.truncate(job.open.map_or(0, |(_, end)| end));
+        self.stack.truncate(job.open.1);
         self.start = self.stack.len();
         self.candidates.clear();
         Some(job)
@@ -230,7 +242,7 @@ impl Work {
 
     /// Takes over the pairs that the job before left open.
     fn inherit(&mut self, job: &Job) {
-        let (from, to) = job.open.unwrap_or_default();
+        let (from, to) = job.open;
         for pair in &self.stack[from..to] {
             let lanes = job.inherited(pair.lanes);
             if lanes != 0 {
@@ -239,12 +251,17 @@ impl Work {
         }
     }
 
-    /// Cuts the lanes of `job` that are still open into jobs of their own.
+    /// Cuts the lanes of `job` that are still open into jobs of their own, and those `swift` into such in which all
+    /// pairs are looked at again.
     #[inline(always)]
-    fn cut(&mut self, job: &Job) {
-        let open = self.stack[self.start..].iter().fold(0, |open, pair| open | pair.lanes);
+    fn cut(&mut self, job: &Job, swift: Bits8) {
+        let open = self.stack[self.start..].iter().fold(0, |open, pair| open | pair.lanes) & !swift;
+        let end = self.stack.len();
+        if swift != 0 {
+            job.cut(swift, true, (end, end), &mut self.jobs);
+        }
         if open != 0 {
-            job.cut(open, (self.start, self.stack.len()), &mut self.jobs);
+            job.cut(open, false, (self.start, end), &mut self.jobs);
         }
     }
 }
@@ -264,22 +281,25 @@ impl Job {
     }
 
     /// Cuts the lanes `open` into jobs of their own; the earliest comes to lie on top.
-    fn cut(&self, open: Bits8, pairs: (usize, usize), jobs: &mut SmallVec<[Job; 4]>) {
-        let count = open.count_ones();
+    fn cut(&self, lanes: Bits8, is_fresh: bool, pairs: (usize, usize), jobs: &mut SmallVec<[Job; 4]>) {
+        let count = lanes.count_ones();
         let parts = match count {
             1 => 8,
             2 => 4,
+            _ if is_fresh => 3,
             _ => 2,
         };
-        let lanes = (0..8_u8).filter(|lane| open >> lane & 1 == 1);
-        let mut cuts: SmallVec<[(u8, (f64, f64)); 16]> = SmallVec::new();
+        let lanes = (0..8_u8).filter(|lane| lanes >> lane & 1 == 1);
+        let mut cuts: SmallVec<[(u8, (f64, f64)); 24]> = SmallVec::new();
         for lane in lanes {
             let (from, to) = self.pieces[usize::from(lane)];
             let edge = |part: i32| from + (to - from) * f64::from(part) / f64::from(parts);
             cuts.extend((0..parts).map(|part| (lane, (edge(part), edge(part + 1)))));
         }
         for chunk in cuts.chunks(8).rev() {
-            let mut job = Job { pieces: [chunk[0].1; 8], from: [0; 8], active: 0, open: Some(pairs) };
+            let depth = self.depth.saturating_add(1);
+            let pieces = [chunk[0].1; 8];
+            let mut job = Job { pieces, from: [0; 8], active: 0, is_fresh, open: pairs, depth };
             for (lane, (from, piece)) in chunk.iter().enumerate() {
                 job.pieces[lane] = *piece;
                 job.from[lane] = *from;

@@ -77,9 +77,12 @@ impl Kernel for Ensemble<'_> {
                 if among == 0 {
                     continue;
                 }
+                let near = broad::limbs_near(world, ((limbs_of(i), limbs_of(j)), bounds, others), among);
+                if near.is_empty() {
+                    continue;
+                }
                 candidates.clear();
-                let placed = ((limbs_of(i), limbs_of(j)), bounds, others);
-                broad::between_arms(world, (first, second), placed, among, &mut candidates);
+                broad::between_arms(world, (first, second), &near, &mut candidates);
                 if candidates.is_empty() {
                     continue;
                 }

@@ -35,6 +35,7 @@ pub(super) struct PlacedLimb<F> {
     along: V3<F>,
     square: f32,
     inverse: f32,
+    radius: f32,
     /// Its radius and the most that it moves in the interval (m).
     pub(super) need: F,
 }
@@ -72,7 +73,13 @@ impl<F: Float8> PlacedLimb<F> {
     fn new(capsule: &LaneCapsule, frame: Option<&Frame8<F>>, need: F) -> Self {
         let axis = capsule.place(frame);
         let (square, inverse) = (capsule.square, capsule.inverse);
-        Self { start: axis.start, along: axis.along, square, inverse, need }
+        Self { start: axis.start, along: axis.along, square, inverse, radius: capsule.radius, need }
+    }
+
+    /// The most that it moves in the interval (m).
+    #[inline(always)]
+    pub(super) fn moves(&self) -> F {
+        self.need - F::splat(self.radius)
     }
 }
 
