@@ -23,6 +23,7 @@ mod lanes;
 mod reference;
 mod scene;
 mod segment_distance;
+mod sweep;
 mod world;
 
 pub use arm_bodies::ArmBodies;
@@ -30,6 +31,7 @@ pub use atom::Atom;
 pub use certify::{JointMotion, PathMotion, StraightMotion};
 pub use lanes::Samples;
 pub use scene::{Exemption, Held, Scene};
+pub use sweep::Swept;
 pub use world::{CollisionWorld, Resting, Taking};
 
 /// The name of the instructions that checks run on: others may round otherwise.

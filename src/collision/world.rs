@@ -68,7 +68,7 @@ pub struct CollisionWorld {
     pub(super) lane_obstacles: Vec<LaneStatic>,
     /// What the lanes are counted from, in the world.
     origin: Vec3,
-    set: InstructionSet,
+    pub(super) set: InstructionSet,
 }
 
 /// What single precision errs by at most near the origin (m); tests compare with double precision.

@@ -8,7 +8,7 @@ use std::cell::OnceCell;
 use std::collections::{BTreeMap, BTreeSet};
 use std::rc::Rc;
 
-use crate::collision::{CollisionWorld, Exemption, Held, Taking};
+use crate::collision::{CollisionWorld, Exemption, Held, Swept, Taking};
 use crate::run::Control;
 use crate::trajectory::{Curve, CurveTable, MIN_SPACING_S};
 use crate::workcell::ArmId;
@@ -21,7 +21,8 @@ use super::timed::{ArmMotion, CurveMotion, Instants, StepMotion, Window};
 const TICK: f64 = 0.15;
 
 /// By how many ticks more an arm may wait for another at once, in the order in which it is tried.
-const WAITS: [u32; 12] = [1, 2, 3, 4, 6, 8, 11, 15, 20, 27, 36, 48];
+const WAITS: [u32; 12] = [1, 2, 3, 4, 6, 8, 11, 15, 20, 27, 36, LONGEST_WAIT];
+const LONGEST_WAIT: u32 = 48;
 
 /// Nodes that are opened at most.
 const GREATEST_NODES: usize = 48;
@@ -92,9 +93,18 @@ pub(super) fn schedule(
             Some(conflict) => {
                 worst = worst.or(Some(conflict));
                 for arm in [conflict.first, conflict.second] {
-                    let passing = WAITS.iter().find_map(|wait| {
+                    let later = |wait: u32| {
                         let mut next = delays.clone();
                         next[arm] += wait;
+                        next
+                    };
+                    // Who is in the way even of an arm that comes when all is over, mostly is in any case.
+                    let at_last = search.timings(&later(LONGEST_WAIT));
+                    if search.meets(conflict, &at_last) {
+                        continue;
+                    }
+                    let passing = WAITS.iter().find_map(|wait| {
+                        let next = later(*wait);
                         let timings = search.timings(&next);
                         search.is_apart(conflict, &timings, true).then_some(next)
                     });
@@ -129,7 +139,7 @@ fn find_conflict_but(
                 let motion = &motion.arms[arm];
                 (arm, motion, tables[arm].get_or_init(|| CurveTable::new(&motion.curve)))
             };
-            !pair_apart(world, timed(pair.first), timed(pair.second), motion.duration)
+            !pair_apart(world, timed(pair.first), timed(pair.second), &[(0.0, motion.duration)])
         },
     )
 }
@@ -154,9 +164,10 @@ fn tables(motion: &StepMotion) -> Vec<OnceCell<CurveTable>> {
 /// An arm in a step, with its curve laid out for sampling.
 type Timed<'a> = (usize, &'a ArmMotion, &'a CurveTable);
 
-fn pair_apart(world: &CollisionWorld, first: Timed<'_>, second: Timed<'_>, duration: f64) -> bool {
+/// Whether two arms are certified apart within `spans` of time.
+fn pair_apart(world: &CollisionWorld, first: Timed<'_>, second: Timed<'_>, spans: &[(f64, f64)]) -> bool {
     let ((i, a, a_table), (j, b, b_table)) = (first, second);
-    common_pieces(a, b, duration).all(|(span, first, second)| {
+    common_pieces(a, b, spans).all(|(span, first, second)| {
         world.motions_apart(
             (ArmId(i), &CurveMotion { curve: &a.curve, table: a_table, span }, a.held.as_ref(), first),
             (ArmId(j), &CurveMotion { curve: &b.curve, table: b_table, span }, b.held.as_ref(), second),
@@ -167,9 +178,9 @@ fn pair_apart(world: &CollisionWorld, first: Timed<'_>, second: Timed<'_>, durat
 
 /// Whether two arms meet at one of a few instants: cheaper than [`pair_apart`], and a reason why that
 /// must fail.
-fn pair_meets(world: &CollisionWorld, first: Timed<'_>, second: Timed<'_>, duration: f64) -> bool {
+fn pair_meets(world: &CollisionWorld, first: Timed<'_>, second: Timed<'_>, spans: &[(f64, f64)]) -> bool {
     let ((i, a, a_table), (j, b, b_table)) = (first, second);
-    common_pieces(a, b, duration).any(|(span, first, second)| {
+    common_pieces(a, b, spans).any(|(span, first, second)| {
         let one = Instants(CurveMotion { curve: &a.curve, table: a_table, span });
         let two = Instants(CurveMotion { curve: &b.curve, table: b_table, span });
         let (one, two): (Taking<'_>, Taking<'_>) =
@@ -178,13 +189,14 @@ fn pair_meets(world: &CollisionWorld, first: Timed<'_>, second: Timed<'_>, durat
     })
 }
 
-/// The spans of time in which neither of two arms' exemptions change, with these.
+/// Pieces of `spans` in which neither of two arms' exemptions change, with these.
 fn common_pieces(
     a: &ArmMotion,
     b: &ArmMotion,
-    duration: f64,
+    spans: &[(f64, f64)],
 ) -> impl Iterator<Item = ((f64, f64), Exemption, Exemption)> {
-    a.pieces(0.0, duration).into_iter().flat_map(move |(from, to, first)| {
+    let pieces = spans.iter().flat_map(move |&(from, to)| a.pieces(from, to));
+    pieces.flat_map(move |(from, to, first)| {
         b.pieces(from, to).into_iter().map(move |(from, to, second)| ((from, to), first, second))
     })
 }
@@ -200,7 +212,20 @@ impl Moment {
 }
 
 /// An arm's motion in a step, laid out for sampling.
-type Composed = Rc<(ArmMotion, CurveTable)>;
+struct Composed {
+    motion: ArmMotion,
+    table: CurveTable,
+    swept: Swept,
+}
+
+impl Composed {
+    fn new(world: &CollisionWorld, arm: usize, motion: ArmMotion, duration: f64) -> Self {
+        let (table, span) = (CurveTable::new(&motion.curve), (0.0, duration));
+        let curve = CurveMotion { curve: &motion.curve, table: &table, span };
+        let swept = world.sweep(ArmId(arm), &curve, motion.held.as_ref(), span);
+        Self { motion, table, swept }
+    }
+}
 
 struct Search<'a> {
     world: &'a CollisionWorld,
@@ -211,7 +236,7 @@ struct Search<'a> {
     /// Pairs already looked at; see [`PairTimes`].
     known: &'a mut BTreeMap<(usize, usize, [i64; 3]), bool>,
     /// By arm, the motion that was composed last, and for when.
-    composed: Vec<Option<(Moment, Composed)>>,
+    composed: Vec<Option<(Moment, Rc<Composed>)>>,
     /// By pair of arms, the moments for which they were certified apart last.
     apart: BTreeMap<(usize, usize), (Moment, Moment)>,
 }
@@ -291,7 +316,7 @@ impl Search<'_> {
     }
 
     /// An arm's motion, laid out for sampling.
-    fn motion(&mut self, arm: usize, timing: &Timing, duration: f64) -> Composed {
+    fn motion(&mut self, arm: usize, timing: &Timing, duration: f64) -> Rc<Composed> {
         let moment = Moment::new(timing, duration);
         if let Some((when, known)) = &self.composed[arm]
             && *when == moment
@@ -299,8 +324,7 @@ impl Search<'_> {
             return known.clone();
         }
         let motion = compose_arm(timing, &self.legs[arm], duration, self.task.arms[arm].held);
-        let table = CurveTable::new(&motion.curve);
-        let made = Rc::new((motion, table));
+        let made = Rc::new(Composed::new(self.world, arm, motion, duration));
         self.composed[arm] = Some((moment, made.clone()));
         made
     }
@@ -317,11 +341,12 @@ impl Search<'_> {
             return known;
         }
         let duration = whole_duration(timings);
-        let first = self.motion(pair.first, &a, duration);
-        let second = self.motion(pair.second, &b, duration);
-        let (first, second) = ((pair.first, &first.0, &first.1), (pair.second, &second.0, &second.1));
-        let apart = !(doubt && pair_meets(self.world, first, second, duration))
-            && pair_apart(self.world, first, second, duration);
+        let [first, second] = self.both(pair, timings);
+        let spans = self.world.encounters(&first.swept, &second.swept);
+        let (one, two) = (timed(pair.first, &first), timed(pair.second, &second));
+        let apart = spans.is_empty()
+            || !(doubt && pair_meets(self.world, one, two, &spans))
+                && pair_apart(self.world, one, two, &spans);
         if apart {
             let moments = (Moment::new(&a, duration), Moment::new(&b, duration));
             self.apart.insert((pair.first, pair.second), moments);
@@ -329,6 +354,23 @@ impl Search<'_> {
         self.known.insert(key, apart);
         apart
     }
+
+    /// Whether a pair of arms is seen to meet at one of a few instants.
+    fn meets(&mut self, pair: Conflict, timings: &[Timing]) -> bool {
+        let [first, second] = self.both(pair, timings);
+        let spans = self.world.encounters(&first.swept, &second.swept);
+        pair_meets(self.world, timed(pair.first, &first), timed(pair.second, &second), &spans)
+    }
+
+    /// The motions of a pair.
+    fn both(&mut self, pair: Conflict, timings: &[Timing]) -> [Rc<Composed>; 2] {
+        let duration = whole_duration(timings);
+        [pair.first, pair.second].map(|arm| self.motion(arm, &timings[arm], duration))
+    }
+}
+
+fn timed(arm: usize, composed: &Composed) -> Timed<'_> {
+    (arm, &composed.motion, &composed.table)
 }
 
 /// How long the step takes (s).

@@ -19,7 +19,7 @@ use crate::transition::{ContactKind, ContactQuery, Contacts, HandoffContact, Han
 use crate::workcell::{ArmId, ObjectId, SurfaceId, Symmetry};
 
 use super::forecast::{Neighbour, scene_of};
-use super::handoffs::HandoffPool;
+use super::handoffs::{HandoffPool, WANTED};
 use super::rests::Rests;
 use super::tree::Whereabouts;
 
@@ -279,7 +279,9 @@ impl ChainPlanner<'_, '_> {
                 giver_near: &giver_near,
                 receiver_near: &receiver_near,
             };
-            let found = self.meet(&asked, request.anew);
+            // On the first meeting no other depends.
+            let wanted = if hop == 0 { 1 } else { WANTED };
+            let found = self.meet(&asked, wanted, request.anew);
             if found.is_empty() {
                 return None;
             }
@@ -308,8 +310,8 @@ impl ChainPlanner<'_, '_> {
         Some(Chain { carriers, handoffs, target, node, wanted })
     }
 
-    fn meet(&mut self, asked: &HandoffQuery<'_>, anew: bool) -> Vec<HandoffContact> {
-        self.handoffs.find(self.problem, self.contacts, asked, self.handoff_tries, anew, self.rng)
+    fn meet(&mut self, asked: &HandoffQuery<'_>, wanted: usize, anew: bool) -> Vec<HandoffContact> {
+        self.handoffs.find(self.problem, self.contacts, asked, (self.handoff_tries, wanted), anew, self.rng)
     }
 
     /// Every grasp of `object` that fits the arm's gripper.

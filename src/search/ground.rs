@@ -21,7 +21,7 @@ use crate::workcell::{ArmId, ObjectId, SurfaceId};
 
 use super::chain::{Chain, Chains, query};
 use super::forecast::{Neighbour, scene_of};
-use super::handoffs::HandoffPool;
+use super::handoffs::{HandoffPool, WANTED};
 use super::map::Map;
 use super::outline::Outline;
 use super::rests::Rests;
@@ -401,8 +401,8 @@ impl<'a> Grounder<'a> {
             receiver_near: std::slice::from_ref(receiver_at),
         };
         let anew = self.rng.random_bool(self.fresh);
-        let (tries, rng) = (self.handoff_tries, &mut self.rng);
-        let found = self.handoffs.find(self.problem, &mut self.contacts, &asked, tries, anew, rng);
+        let (limits, rng) = ((self.handoff_tries, WANTED), &mut self.rng);
+        let found = self.handoffs.find(self.problem, &mut self.contacts, &asked, limits, anew, rng);
         let nearest = found.len().min(6);
         found[..nearest].choose(&mut self.rng).cloned()
     }

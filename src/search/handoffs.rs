@@ -16,8 +16,8 @@ use crate::workcell::ArmId;
 /// Handoffs kept for two arms and a class of objects.
 const MOST_KEPT: usize = 400;
 
-/// Handoffs wanted of one query before some are chosen from.
-const WANTED: usize = 3;
+/// Handoffs wanted of a query where there should be some to choose from.
+pub(super) const WANTED: usize = 3;
 
 /// How many times as many tries are given to a query in vain.
 const INSISTENCE: usize = 3;
@@ -40,14 +40,14 @@ pub(super) struct HandoffPool {
 }
 
 impl HandoffPool {
-    /// Handoffs that fit `query`, the cheapest first: known ones, and fresh ones where few are known
+    /// Handoffs that fit `query`, the cheapest first: known ones, and fresh ones where fewer than `wanted` are known
     /// or `anew` asks for some. `tries` bounds the sampling.
     pub(super) fn find(
         &mut self,
         problem: &Problem,
         contacts: &mut Contacts<'_>,
         query: &HandoffQuery<'_>,
-        tries: usize,
+        (tries, wanted): (usize, usize),
         anew: bool,
         rng: &mut Rng,
     ) -> Vec<HandoffContact> {
@@ -59,12 +59,12 @@ impl HandoffPool {
         };
         let known = self.known.entry(key).or_default();
         let mut fitting: Vec<HandoffContact> = known.iter().filter(|c| fits(c)).cloned().collect();
-        if fitting.len() < WANTED || anew {
+        if fitting.len() < wanted || anew {
             let failures = self.failed.get(&(key, giving.clone(), taking.clone())).copied().unwrap_or(0);
             if fitting.is_empty() && failures >= HOPELESS_AFTER && rng.random_bool(0.95) {
                 return Vec::new();
             }
-            let mut fresh = contacts.handoffs(query, tries, WANTED, rng);
+            let mut fresh = contacts.handoffs(query, tries, wanted, rng);
             if fresh.is_empty() && fitting.is_empty() {
                 // By such a one the mode graph knows that it can be done.
                 fresh = contacts.witnessed_handoffs(query);

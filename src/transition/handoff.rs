@@ -27,8 +27,9 @@ use super::memory::{Class, ReachMemory};
 /// Random pairs of holds that are looked at before all pairs are.
 const DRAWS_OF_HOLDS: usize = 40;
 
-/// Candidates to choose from for each handoff that is wanted, where one may be nearer than another.
+/// Candidates to choose from for each handoff that is wanted, where one may be nearer than another, and in all at least.
 const HANDFUL: usize = 6;
+const LEAST_HANDFUL: usize = 10;
 
 /// Which handoff is asked for.
 #[derive(Debug, Clone)]
@@ -261,7 +262,7 @@ impl<'s, 'q> Sampler<'s, 'q> {
 
     fn sample(&mut self, tries: usize, most: usize, rng: &mut Rng) -> Vec<HandoffContact> {
         let all_are_equal = self.query.giver_near.is_empty() && self.query.receiver_near.is_empty();
-        let handful_size = if all_are_equal { 1 } else { HANDFUL * most };
+        let handful_size = if all_are_equal { 1 } else { (HANDFUL * most).max(LEAST_HANDFUL) };
         let mut found: Vec<HandoffContact> = Vec::new();
         let mut left = tries;
         while left > 0 && found.len() < most {

@@ -284,7 +284,9 @@ pub(super) fn between_arms(
     out: &mut Candidates,
 ) {
     for &(ours, theirs, lanes) in near {
-        let (Some(ours), Some(theirs)) = (first.lanes.limb(ours), second.lanes.limb(theirs)) else { continue };
+        let (Some(ours), Some(theirs)) = (first.lanes.limb(ours), second.lanes.limb(theirs)) else {
+            continue;
+        };
         for &a in &ours.atoms {
             for &b in &theirs.atoms {
                 if !first.may_touch_arm(a, second, b, world) {

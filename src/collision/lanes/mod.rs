@@ -19,6 +19,7 @@ mod mover;
 mod narrow;
 mod place;
 mod safe;
+mod sweep;
 mod tight;
 
 #[cfg(test)]
@@ -30,3 +31,4 @@ pub(super) use core::{LaneStatic, StaticBlock};
 pub(super) use ensemble::Ensemble;
 pub use mover::Samples;
 pub(super) use mover::{LaneHeld, LaneMover};
+pub(super) use sweep::{BATCH, LaneSweep, Near, Sweep};

@@ -40,7 +40,38 @@ pub(super) struct PlacedLimb<F> {
     pub(super) need: F,
 }
 
+/// A [`PlacedLimb`] that is kept.
+#[derive(Debug, Clone)]
+pub(super) struct StoredLimb {
+    start: [[f32; 8]; 3],
+    along: [[f32; 8]; 3],
+    square: f32,
+    inverse: f32,
+    radius: f32,
+    need: [f32; 8],
+}
+
+impl StoredLimb {
+    /// The limb to be compared.
+    #[inline(always)]
+    pub(super) fn load<F: Float8>(&self) -> PlacedLimb<F> {
+        let Self { square, inverse, radius, .. } = *self;
+        let row = |rows: &[[f32; 8]; 3]| [F::load(&rows[0]), F::load(&rows[1]), F::load(&rows[2])];
+        let (start, along, need) = (row(&self.start), row(&self.along), F::load(&self.need));
+        PlacedLimb { start, along, square, inverse, radius, need }
+    }
+}
+
 impl<F: Float8> PlacedLimb<F> {
+    /// The limb to be kept.
+    #[inline(always)]
+    pub(super) fn store(&self) -> StoredLimb {
+        let Self { square, inverse, radius, .. } = *self;
+        let row = |v: &V3<F>| [v[0].store(), v[1].store(), v[2].store()];
+        let (start, along, need) = (row(&self.start), row(&self.along), self.need.store());
+        StoredLimb { start, along, square, inverse, radius, need }
+    }
+
     /// Its axis.
     #[inline(always)]
     pub(super) fn axis(&self) -> Segment8<F> {

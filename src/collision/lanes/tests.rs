@@ -163,6 +163,40 @@ fn edges_are_certified_where_they_are_clear() {
 }
 
 #[test]
+fn arms_meet_nowhere_but_in_their_encounters() {
+    let problem = problem("switch/9x4");
+    for set in sets() {
+        let world = CollisionWorld::with_instructions(&problem, set);
+        let mut rng = Seed(25).stream("sweeps");
+        let (mut never, mut now_and_then, mut meet) = (0, 0, 0);
+        for _ in 0..600 {
+            let (mut a, mut b) = (random_case(&problem, &mut rng), random_case(&problem, &mut rng));
+            a.arm = ArmId(4);
+            b.arm = ArmId([1, 3, 5, 7, 0][rng.random_range(0..5)]);
+            let moves = [StraightMotion::new(&a.q, &a.to), StraightMotion::new(&b.q, &b.to)];
+            let [one, two] = [(&a, &moves[0]), (&b, &moves[1])]
+                .map(|(case, motion)| world.sweep(case.arm, motion, case.held.as_ref(), (0.0, 1.0)));
+            let spans = world.encounters(&one, &two);
+            assert!(spans.windows(2).all(|pair| pair[0].1 < pair[1].0), "{spans:?}");
+            for step in 0..=32 {
+                let s = f64::from(step) / 32.0;
+                let rests = [StraightMotion::rest(&moves[0].at(s)), StraightMotion::rest(&moves[1].at(s))];
+                let (mut free_a, mut free_b) = (a.parts(&rests[0]), b.parts(&rests[1]));
+                // Encounters are told whatever may touch.
+                (free_a.3, free_b.3) = Default::default();
+                let are_apart = reference::are_apart(&world, &free_a, &free_b);
+                let inside = spans.iter().any(|(from, to)| (*from..=*to).contains(&s));
+                assert!(inside || are_apart, "{s} {spans:?}");
+                meet += usize::from(!are_apart);
+            }
+            never += usize::from(spans.is_empty());
+            now_and_then += usize::from(!spans.is_empty() && spans != [(0.0, 1.0)]);
+        }
+        assert!(never > 60 && now_and_then > 15 && meet > 60, "{never} {now_and_then} {meet}");
+    }
+}
+
+#[test]
 fn arms_are_kept_apart_like_in_double_precision() {
     let problem = problem("switch/9x4");
     let mut strict = problem.clone();
