@@ -114,14 +114,26 @@ impl<'a> PathMotion<'a> {
     }
 }
 
-impl JointMotion for PathMotion<'_> {
-    fn at(&self, s: f64) -> Config {
-        let Some(last) = self.0.len().checked_sub(1) else { return Config::new() };
+impl PathMotion<'_> {
+    /// The waypoints before and after parameter `s` and the part of the way between them.
+    fn segment(&self, s: f64) -> Option<(&Config, &Config, f64)> {
+        let last = self.0.len().checked_sub(1)?;
         let s = s.clamp(0.0, last as f64);
         let from = (s as usize).min(last.saturating_sub(1));
-        let part = s - from as f64;
-        let to = &self.0[last.min(from + 1)];
-        self.0[from].iter().zip(to).map(|(a, b)| a + (b - a) * part).collect()
+        Some((&self.0[from], &self.0[last.min(from + 1)], s - from as f64))
+    }
+
+    /// The waypoints from `s0` on and before `s1`.
+    fn between(&self, s0: f64, s1: f64) -> &[Config] {
+        let number = |s: f64| (s.ceil().max(0.0) as usize).min(self.0.len());
+        self.0.get(number(s0)..number(s1)).unwrap_or_default()
+    }
+}
+
+impl JointMotion for PathMotion<'_> {
+    fn at(&self, s: f64) -> Config {
+        let Some((a, b, part)) = self.segment(s) else { return Config::new() };
+        a.iter().zip(b).map(|(a, b)| a + (b - a) * part).collect()
     }
 
     fn deviation(&self, s0: f64, s1: f64) -> Config {
@@ -129,9 +141,7 @@ impl JointMotion for PathMotion<'_> {
         let (first, last) = (self.at(s0), self.at(s1));
         let mut most: Config = middle.iter().map(|_| 0.0).collect();
         // Greatest at an end or at a waypoint between.
-        let between =
-            (s0.ceil().max(0.0) as usize).min(self.0.len())..(s1.ceil().max(0.0) as usize).min(self.0.len());
-        for q in [&first, &last].into_iter().chain(self.0.get(between).into_iter().flatten()) {
+        for q in [&first, &last].into_iter().chain(self.between(s0, s1)) {
             for (most, (a, b)) in most.iter_mut().zip(q.iter().zip(&middle)) {
                 *most = most.max((a - b).abs());
             }
@@ -145,6 +155,23 @@ impl JointMotion for PathMotion<'_> {
 
     fn stands_still(&self) -> bool {
         self.0.windows(2).all(|pair| pair[0] == pair[1])
+    }
+
+    /// The same as of `at` and `deviation`, joint by joint.
+    fn sample(&self, intervals: &[(f64, f64); 8], out: &mut Samples) {
+        out.resize(self.0.first().map_or(0, |q| q.len()));
+        for (lane, &(from, to)) in intervals.iter().enumerate() {
+            let ends = (self.segment(from), self.segment((from + to) / 2.0), self.segment(to));
+            let (Some(start), Some(middle), Some(end)) = ends else { return };
+            let between = self.between(from, to);
+            for joint in 0..out.values.len() {
+                let at = |(a, b, part): (&Config, &Config, f64)| a[joint] + (b[joint] - a[joint]) * part;
+                let value = at(middle);
+                let strays = [at(start), at(end)].into_iter().chain(between.iter().map(|q| q[joint]));
+                let most = strays.fold(0.0, |most: f64, q| most.max((q - value).abs()));
+                out.set(joint, lane, value as f32, most as f32 * DEVIATION_ROUND_UP);
+            }
+        }
     }
 }
 

@@ -3,6 +3,7 @@
 
 use super::network::{FAR, Network};
 use crate::run::Control;
+use smallvec::SmallVec;
 use std::collections::HashMap;
 use std::hash::{BuildHasherDefault, Hasher};
 
@@ -16,6 +17,9 @@ pub(super) enum Verdict {
     /// The limit on states came first, or the run was told to stop.
     Limit,
 }
+
+/// By object, its node.
+type State = SmallVec<[u16; 16]>;
 
 /// The search, with its table of refuted states, which is good for one network.
 #[derive(Debug, Clone)]
@@ -32,7 +36,7 @@ pub(super) struct Exhaustive<'a> {
     states_left: usize,
     /// Partial joint steps that may still be looked at.
     choices_left: usize,
-    way: Vec<Vec<u16>>,
+    way: Vec<State>,
 }
 
 /// Partial joint steps looked at for each state that may be expanded, on average: a state of many objects has
@@ -85,9 +89,9 @@ impl<'a> Exhaustive<'a> {
         self.states_left = states;
         self.choices_left = (CHOICES * states).max(FEWEST_CHOICES);
         self.way.clear();
-        self.way.push(start.to_vec());
+        self.way.push(State::from_slice(start));
         match self.descend(depth, control) {
-            Some(true) => Verdict::Found(std::mem::take(&mut self.way)),
+            Some(true) => Verdict::Found(self.way.drain(..).map(State::into_vec).collect()),
             Some(false) => Verdict::Refuted(states - self.states_left),
             None => Verdict::Limit,
         }
@@ -99,7 +103,7 @@ impl<'a> Exhaustive<'a> {
         self.choices_left = usize::MAX;
         let mut seen: HashMap<u128, (), BuildHasherDefault<Mix>> = HashMap::default();
         // The states in the order in which they were reached, each with the one before it.
-        let mut reached = vec![(start.to_vec(), 0)];
+        let mut reached = vec![(State::from_slice(start), 0)];
         seen.insert(self.pack(start), ());
         let mut next_open = 0;
         while let Some((state, _)) = reached.get(next_open).cloned() {
@@ -116,10 +120,10 @@ impl<'a> Exhaustive<'a> {
             }
             for next in moves {
                 if self.solved(&next) {
-                    let mut way = vec![next];
+                    let mut way = vec![next.into_vec()];
                     let mut at = from;
                     while at != 0 {
-                        way.push(reached[at].0.clone());
+                        way.push(reached[at].0.to_vec());
                         at = reached[at].1;
                     }
                     way.push(start.to_vec());
@@ -143,9 +147,9 @@ impl<'a> Exhaustive<'a> {
         let mut canonical;
         let mut state = state;
         if !self.alike.is_empty() {
-            canonical = state.to_vec();
+            canonical = State::from_slice(state);
             for objects in &self.alike {
-                let mut nodes: Vec<u16> = objects.iter().map(|&object| state[object]).collect();
+                let mut nodes: State = objects.iter().map(|&object| state[object]).collect();
                 nodes.sort_unstable();
                 for (&object, node) in objects.iter().zip(nodes) {
                     canonical[object] = node;
@@ -215,7 +219,7 @@ impl<'a> Exhaustive<'a> {
         state: &[u16],
         left: usize,
         single: bool,
-        found: &mut Vec<Vec<u16>>,
+        found: &mut Vec<State>,
         control: &Control,
     ) -> Option<()> {
         if control.should_stop() {
@@ -233,7 +237,7 @@ impl<'a> Exhaustive<'a> {
             left,
             single,
             load,
-            next: state.to_vec(),
+            next: State::from_slice(state),
             found,
             choices_left: self.choices_left,
             control,
@@ -251,8 +255,8 @@ struct Choice<'c> {
     left: usize,
     single: bool,
     load: Vec<u16>,
-    next: Vec<u16>,
-    found: &'c mut Vec<Vec<u16>>,
+    next: State,
+    found: &'c mut Vec<State>,
     choices_left: usize,
     control: &'c Control,
 }
@@ -265,7 +269,7 @@ impl Choice<'_> {
             return None;
         }
         let Some(&node) = self.state.get(object) else {
-            if self.next != self.state {
+            if self.next.as_slice() != self.state {
                 if self.found.len() == MOST_SUCCESSORS {
                     return None;
                 }

@@ -354,7 +354,7 @@ impl ChainPlanner<'_, '_> {
             let asked = query(kind, arm, request.object, at);
             let holds = self.contacts.holds(&asked);
             let (_, hold) = holds.choose(self.rng)?;
-            self.contacts.at(&asked, hold).choose(self.rng).map(|contact| contact.q.clone())
+            self.contacts.nth(&asked, hold, 0).map(|contact| contact.q)
         };
         if picks && let Whereabouts::Resting { pose, surface } = request.from {
             near.extend(contact(ContactKind::Pick, (*pose, *surface)));

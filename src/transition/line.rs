@@ -9,7 +9,7 @@ use crate::workcell::Arm;
 pub const LINE_RUNOUT: f64 = 0.02;
 
 /// Greatest distance (m) between waypoints of a line.
-const SPACING: f64 = 0.035;
+const SPACING: f64 = 0.05;
 
 /// Pieces that are longer (m) are halved where they are not straight enough.
 const LEAST_HALVED: f64 = 0.02;
