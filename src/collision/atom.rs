@@ -36,6 +36,8 @@ pub struct Atom {
     pub(super) core: Core,
     /// Whether the core is the shape itself.
     pub(super) core_is_exact: bool,
+    /// A box around the shape, where the core is a capsule that is not the shape itself: flat ends are flat in it.
+    pub(super) hull: Option<(Pose, Vec3)>,
     pub(super) exact: ExactShape,
     /// Centre of a ball that holds core and shape, in the body's frame (m).
     pub(super) centre: Vec3,
@@ -85,11 +87,18 @@ impl Atom {
             Shape::Box { half_extents } => (Core::Box { pose: placed.pose, half: *half_extents }, true),
             Shape::Convex(hull) => (enclosing_capsule(hull.vertices(), &placed.pose), false),
         };
+        let hull = match &placed.shape {
+            Shape::Cylinder { radius, half_length } => {
+                Some((placed.pose, Vec3::new(*radius, *radius, *half_length)))
+            }
+            Shape::Convex(hull) => Some(enclosing_box(hull.vertices(), &placed.pose)),
+            _ => None,
+        };
         let (centre, radius) = match &core {
             Core::Capsule { a, b, radius } => ((a + b) / 2.0, (b - a).norm() / 2.0 + radius),
             Core::Box { pose, half } => (pose.translation.vector, half.norm()),
         };
-        Self { core, core_is_exact, exact, centre, radius }
+        Self { core, core_is_exact, hull, exact, centre, radius }
     }
 
     /// The greatest distance (m) of the enclosing core from the body's origin.
@@ -108,6 +117,9 @@ impl Atom {
                 out.a = body.rotation * a + body.translation.vector;
                 out.b = body.rotation * b + body.translation.vector;
                 out.centre = (out.a + out.b) / 2.0;
+                if let Some((pose, _)) = &self.hull {
+                    out.frame = body * pose;
+                }
             }
             Core::Box { pose, .. } => {
                 out.frame = body * pose;
@@ -161,9 +173,39 @@ impl Atom {
             }
         };
         if bound >= need || (self.core_is_exact && other.core_is_exact) {
-            bound
-        } else {
-            self.exact.gap(&at.body, &other.exact, &other_at.body, need)
+            return bound;
+        }
+        match self.hull_separation(at, other, other_at) {
+            Some(bound) if bound >= need => bound,
+            _ => self.exact.gap(&at.body, &other.exact, &other_at.body, need),
+        }
+    }
+
+    /// A lower bound (m) on the distance between two placed atoms by the boxes around them, where one has such a box
+    /// beside its core.
+    fn hull_separation(&self, at: &PlacedAtom, other: &Atom, other_at: &PlacedAtom) -> Option<f64> {
+        if self.hull.is_none() && other.hull.is_none() {
+            return None;
+        }
+        Some(match ((self.half(), &self.core), (other.half(), &other.core)) {
+            ((Some(half), _), (Some(other_half), _)) => {
+                box_gap((&at.frame, half), (&other_at.frame, other_half))
+            }
+            ((Some(half), _), (None, Core::Capsule { radius, .. })) => {
+                capsule_box(&other_at.a, &other_at.b, *radius, &at.frame, half)
+            }
+            ((None, Core::Capsule { radius, .. }), (Some(half), _)) => {
+                capsule_box(&at.a, &at.b, *radius, &other_at.frame, half)
+            }
+            _ => return None,
+        })
+    }
+
+    /// Half extents (m) of the box that is the core, or beside it.
+    fn half(&self) -> Option<&Vec3> {
+        match (&self.core, &self.hull) {
+            (Core::Box { half, .. }, _) | (_, Some((_, half))) => Some(half),
+            _ => None,
         }
     }
 }
@@ -207,14 +249,23 @@ fn box_gap((frame, half): (&Pose, &Vec3), (other, other_half): (&Pose, &Vec3)) -
     widest
 }
 
+/// A box around `vertices` (placed at `pose`): its frame and half extents (m).
+fn enclosing_box(vertices: &[Vec3], pose: &Pose) -> (Pose, Vec3) {
+    let (low, high) = corners(vertices);
+    let middle = pose * Pose::from_parts(((low + high) / 2.0).into(), nalgebra::UnitQuaternion::identity());
+    // Rounding must not leave a vertex outside.
+    (middle, (high - low) / 2.0 + Vec3::repeat(1e-9))
+}
+
+/// The least and the greatest coordinates of `vertices`.
+fn corners(vertices: &[Vec3]) -> (Vec3, Vec3) {
+    let none = (Vec3::repeat(f64::INFINITY), Vec3::repeat(f64::NEG_INFINITY));
+    vertices.iter().fold(none, |(low, high), vertex| (low.inf(vertex), high.sup(vertex)))
+}
+
 /// A capsule around `vertices` (placed at `pose`) along the longest side of their box.
 fn enclosing_capsule(vertices: &[Vec3], pose: &Pose) -> Core {
-    let mut low = Vec3::repeat(f64::INFINITY);
-    let mut high = Vec3::repeat(f64::NEG_INFINITY);
-    for vertex in vertices {
-        low = low.inf(vertex);
-        high = high.sup(vertex);
-    }
+    let (low, high) = corners(vertices);
     let middle = (low + high) / 2.0;
     let axis = (high - low).imax();
     let mut radius = 0.0_f64;

@@ -38,6 +38,8 @@ pub(super) struct LaneAtom {
     pub(super) levers: Row,
     /// Whether the core is the shape itself.
     pub(super) exact: bool,
+    /// A box around the shape, where the core is a capsule that is not the shape itself.
+    pub(super) beside: Option<LaneCore>,
     /// A capsule that holds the core.
     pub(super) hull: LaneCapsule,
 }
@@ -46,7 +48,8 @@ impl LaneAtom {
     pub(super) fn new(atom: &Atom, body: &Pose, frame: Option<usize>, levers: &Levers) -> Self {
         let core = LaneCore::new(atom, body);
         let hull = core.hull();
-        Self { core, frame, levers: row(levers), exact: atom.core_is_exact, hull }
+        let beside = LaneCore::beside(atom, body);
+        Self { core, frame, levers: row(levers), exact: atom.core_is_exact, beside, hull }
     }
 }
 

@@ -32,6 +32,7 @@ pub(super) struct LaneCapsule {
 #[derive(Debug, Clone)]
 pub(in crate::collision) struct LaneStatic {
     core: LaneCore,
+    beside: Option<LaneCore>,
     /// Whether the box's axes are those of the placement.
     aligned: bool,
     low: [f32; 3],
@@ -138,17 +139,24 @@ impl LaneCore {
         let at = |v: &Vec3| body.rotation * v + body.translation.vector;
         match &atom.core {
             Core::Capsule { a, b, radius } => Self::Capsule(LaneCapsule::new(&at(a), &at(b), *radius)),
-            Core::Box { pose, half } => {
-                let pose = body * pose;
-                let rotation = pose.rotation.to_rotation_matrix();
-                let axes = [0, 1, 2].map(|k| {
-                    let column = rotation.matrix().column(k).into_owned();
-                    // What is meant to be straight comes out of the quaternion almost so.
-                    single(&column.map(|x: f64| if x.abs() < 1e-9 { 0.0 } else { x }))
-                });
-                Self::Box { centre: single(&pose.translation.vector), axes, half: single(half) }
-            }
+            Core::Box { pose, half } => Self::of_box(&(body * pose), half),
         }
+    }
+
+    /// The box beside that core, where there is one.
+    pub(super) fn beside(atom: &Atom, body: &Pose) -> Option<Self> {
+        atom.hull.as_ref().map(|(pose, half)| Self::of_box(&(body * pose), half))
+    }
+
+    /// A box at `pose` in the carrier's frame with half extents `half` (m).
+    fn of_box(pose: &Pose, half: &Vec3) -> Self {
+        let rotation = pose.rotation.to_rotation_matrix();
+        let axes = [0, 1, 2].map(|k| {
+            let column = rotation.matrix().column(k).into_owned();
+            // What is meant to be straight comes out of the quaternion almost so.
+            single(&column.map(|x: f64| if x.abs() < 1e-9 { 0.0 } else { x }))
+        });
+        Self::Box { centre: single(&pose.translation.vector), axes, half: single(half) }
     }
 }
 
@@ -262,7 +270,8 @@ impl LaneStatic {
         if let LaneCore::Box { axes, .. } = &core {
             aligned = *axes == [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
         }
-        Self { core, aligned, low, high, exact: atom.core_is_exact }
+        let beside = LaneCore::beside(atom, body);
+        Self { core, beside, aligned, low, high, exact: atom.core_is_exact }
     }
 
     /// Lanes of `among` in which the box from `low` to `high`, grown by `margin` (m), meets this one's.
@@ -305,6 +314,11 @@ impl LaneStatic {
     /// Whether the core is a box.
     pub(super) fn is_box(&self) -> bool {
         matches!(self.core, LaneCore::Box { .. })
+    }
+
+    /// The box beside the core.
+    pub(super) fn beside(&self) -> Option<&LaneCore> {
+        self.beside.as_ref()
     }
 
     /// The core, which nothing carries.

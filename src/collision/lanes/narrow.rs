@@ -45,6 +45,8 @@ pub(super) fn look<F: Float8>(
     let still = F::splat(0.0);
     // The other body where it is the arm's own, and another arm's.
     let (mut own_other, mut far_other) = (None, None);
+    // The box beside its core.
+    let beside_other;
     match candidate.target {
         Target::World(index) => {
             let index = usize::from(index);
@@ -54,6 +56,7 @@ pub(super) fn look<F: Float8>(
             };
             other = (fixed.core(), None);
             bound = if at.0.still { still } else { motion_bound(&ours.levers, &at.0.samples.deviations) };
+            beside_other = fixed.beside();
             both_exact = ours.exact && fixed.exact;
             both_boxes = box_a && fixed.is_box();
         }
@@ -72,6 +75,7 @@ pub(super) fn look<F: Float8>(
             }
             bound = sum;
             own_other = Some(theirs);
+            beside_other = theirs.beside.as_ref();
             both_exact = ours.exact && theirs.exact;
             both_boxes = box_a && matches!(theirs.core, LaneCore::Box { .. });
         }
@@ -84,11 +88,12 @@ pub(super) fn look<F: Float8>(
             bound = motion_bound::<F>(&ours.levers, &at.0.samples.deviations)
                 + motion_bound(&theirs.levers, &other_at.samples.deviations);
             far_other = Some((&second.lanes, theirs, other_at, b));
+            beside_other = theirs.beside.as_ref();
             both_exact = ours.exact && theirs.exact;
             both_boxes = box_a && matches!(theirs.core, LaneCore::Box { .. });
         }
     }
-    let apart = separation(placed, other);
+    let mut apart = separation(placed, other);
     let margin = F::splat(world.margin);
     let mut failing = F::bits(apart.less(bound + margin)) & candidate.lanes;
     if failing == 0 {
@@ -109,6 +114,18 @@ pub(super) fn look<F: Float8>(
             (None, None) => moved(first, at.0, candidate.a, ours_moves),
         };
         bound = bound.min(now);
+        failing &= F::bits(apart.less(bound + margin));
+        if failing == 0 {
+            return Look { open: 0, blocked: 0 };
+        }
+    }
+    // Before the shapes themselves are asked, the boxes around those that their cores do not show as they are.
+    if !both_exact
+        && (ours.beside.is_some() || beside_other.is_some())
+        && F::bits(apart.less(margin)) & failing != 0
+    {
+        let (one, two) = (ours.beside.as_ref().unwrap_or(placed.0), beside_other.unwrap_or(other.0));
+        apart = apart.max(separation((one, placed.1), (two, other.1)));
         failing &= F::bits(apart.less(bound + margin));
         if failing == 0 {
             return Look { open: 0, blocked: 0 };
