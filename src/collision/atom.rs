@@ -39,6 +39,8 @@ pub struct Atom {
     /// A box around the shape, where the core is a capsule that is not the shape itself: flat ends are flat in it.
     pub(super) hull: Option<(Pose, Vec3)>,
     pub(super) exact: ExactShape,
+    /// Whether the core is a capsule whose axis lies in the shape.
+    has_axis: bool,
     /// Centre of a ball that holds core and shape, in the body's frame (m).
     pub(super) centre: Vec3,
     /// Its radius (m).
@@ -94,11 +96,13 @@ impl Atom {
             Shape::Convex(hull) => Some(enclosing_box(hull.vertices(), &placed.pose)),
             _ => None,
         };
+        let has_axis =
+            matches!(&placed.shape, Shape::Sphere { .. } | Shape::Capsule { .. } | Shape::Cylinder { .. });
         let (centre, radius) = match &core {
             Core::Capsule { a, b, radius } => ((a + b) / 2.0, (b - a).norm() / 2.0 + radius),
             Core::Box { pose, half } => (pose.translation.vector, half.norm()),
         };
-        Self { core, core_is_exact, hull, exact, centre, radius }
+        Self { core, core_is_exact, hull, exact, has_axis, centre, radius }
     }
 
     /// The greatest distance (m) of the enclosing core from the body's origin.
@@ -155,10 +159,19 @@ impl Atom {
                 segment_segment_squared(&at.a, &at.b, &other_at.a, &other_at.b).sqrt() - radius - other_radius
             }
             (Core::Capsule { radius, .. }, Core::Box { half, .. }) => {
-                capsule_box(&at.a, &at.b, *radius, &other_at.frame, half)
+                let bound = capsule_box(&at.a, &at.b, *radius, &other_at.frame, half);
+                if self.has_axis && bound == -radius {
+                    // The axis itself meets the box, which is the other shape.
+                    return f64::NEG_INFINITY;
+                }
+                bound
             }
             (Core::Box { half, .. }, Core::Capsule { radius, .. }) => {
-                capsule_box(&other_at.a, &other_at.b, *radius, &at.frame, half)
+                let bound = capsule_box(&other_at.a, &other_at.b, *radius, &at.frame, half);
+                if other.has_axis && bound == -radius {
+                    return f64::NEG_INFINITY;
+                }
+                bound
             }
             (Core::Box { half, .. }, Core::Box { half: other_half, .. }) => {
                 // Boxes that no axis separates overlap.
