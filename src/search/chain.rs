@@ -94,6 +94,8 @@ pub(super) struct ChainPlanner<'p, 'a> {
     pub(super) handoff_tries: usize,
     /// Chance of sampling contacts anew.
     pub(super) fresh: f64,
+    /// Whether there is no plan yet.
+    pub(super) is_hasty: bool,
 }
 
 impl ChainPlanner<'_, '_> {
@@ -279,8 +281,8 @@ impl ChainPlanner<'_, '_> {
                 giver_near: &giver_near,
                 receiver_near: &receiver_near,
             };
-            // On the first meeting no other depends.
-            let wanted = if hop == 0 { 1 } else { WANTED };
+            // On the first meeting no other depends; to have a choice can wait for a plan.
+            let wanted = if hop == 0 && self.is_hasty { 1 } else { WANTED };
             let found = self.meet(&asked, wanted, request.anew);
             if found.is_empty() {
                 return None;

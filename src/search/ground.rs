@@ -85,6 +85,8 @@ pub(super) struct Grounder<'a> {
     pub(super) control: Control,
     /// Whether arms without an action stay where they are: they neither position themselves ahead nor go home.
     pub(super) stays_put: bool,
+    /// Whether there is no plan yet.
+    pub(super) is_hasty: bool,
     /// How often no grasps fitted together for an object along a sequence of arms to a node, and how often
     /// something was in the way of the leg that was to follow.
     pub(super) barren: BTreeMap<(usize, Vec<ArmId>, NodeId), u32>,
@@ -113,6 +115,7 @@ impl<'a> Grounder<'a> {
             fresh: settings.fresh_transitions,
             control: control.clone(),
             stays_put: false,
+            is_hasty: false,
             barren: BTreeMap::new(),
             hindered: BTreeMap::new(),
         }

@@ -228,6 +228,7 @@ impl<'a> Grounder<'a> {
             rng: &mut self.rng,
             handoff_tries: self.handoff_tries,
             fresh: self.fresh,
+            is_hasty: self.is_hasty,
         }
     }
 

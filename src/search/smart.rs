@@ -139,7 +139,7 @@ impl<'a> Search<'a> {
             first_at: 0,
             prepared: None,
         };
-        search.planner.set_hasty(matches!(problem.options.guidance, GuidanceKind::Smart));
+        search.set_hasty(matches!(problem.options.guidance, GuidanceKind::Smart));
         search.guide(0, control);
         search.certificate = search.tree[0].guide.as_ref().and_then(|guide| guide.certificate);
         search.certified = search.certificate.is_some_and(|known| known.optimum.is_some());
@@ -172,11 +172,17 @@ impl<'a> Search<'a> {
         self.cause.as_deref()
     }
 
+    /// Whether what is good enough for a first plan will do.
+    fn set_hasty(&mut self, is_hasty: bool) {
+        self.planner.set_hasty(is_hasty);
+        self.grounder.is_hasty = is_hasty;
+    }
+
     /// Tells the search the cost of the best accepted plan, found here or by another thread.
     pub fn set_incumbent(&mut self, cost: [f64; 2]) {
         if self.best.is_none() {
             self.first_at = self.iterations;
-            self.planner.set_hasty(false);
+            self.set_hasty(false);
             // What stood in the way of the first plan may be tried again.
             self.cuts.clear();
             self.version += 1;
