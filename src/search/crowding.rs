@@ -7,18 +7,20 @@
 //! holds in which some contacts are apart, and in both of which the objects can be carried? The holds are those in which
 //! the mode graph knows contacts; carries are sought for each alone, with as many samples as it takes for all together. Where no pair turns
 //! up, the two become one of the [`ModeGraph::crowdings`](crate::mode_graph::ModeGraph::crowdings): like missing
-//! edges they rest on samples, and the graph's optimum is that of a graph without them.
+//! edges they rest on samples, and the graph's optimum is that of a graph without them. Where one turns up, the plan's
+//! chains take those holds.
 
 use crate::collision::{Exemption, Held};
 use crate::geometry::Pose;
 use crate::mode_graph::{CarryEnd, RestAction};
 use crate::problem::{GoalPlacement, GuidanceKind, InitialPlacement};
 use crate::run::{Control, Rng};
-use crate::transition::{Contact, ContactKind, ContactQuery, HandoffQuery};
+use crate::transition::{Contact, ContactKind, ContactQuery, HandoffContact, HandoffQuery};
 use crate::workcell::{ArmId, ObjectId};
 
 use super::chain::{Chain, query};
 use super::leg::Leg;
+use super::outline::Outline;
 use super::smart::Search;
 
 /// Draws of a meeting place tried before a carry counts as impossible in one hold at its end.
@@ -32,9 +34,17 @@ const SAMPLINGS: usize = 6;
 const MOST_COMPARED: usize = 50_000;
 const MOST_ASKED: usize = 24;
 
+/// Pairs of holds that leave room, but cannot be had beside the other objects, before it is left at that.
+const MOST_UNSUITED: usize = 8;
+
+/// Changes of chains in one look at a plan.
+const MOST_CHANGES: usize = 4;
+
 /// One end of a straight carry in the plan.
 struct End {
     carry: CarryEnd,
+    /// The steps in which the carry begins and ends, and that of this end.
+    steps: (usize, usize),
     step: usize,
     arm: ArmId,
     asked: ContactQuery,
@@ -49,7 +59,25 @@ struct Choice {
     hold: Pose,
     contacts: Vec<Contact>,
     /// Whether the carry can be done in it, once that was asked.
-    leads: Option<bool>,
+    leads: Option<Leads>,
+}
+
+/// Whether a carry can be done in some hold at one end.
+enum Leads {
+    Nowhere,
+    /// As the plan has it.
+    AsChosen,
+    /// By this handoff, or without any.
+    By(Option<Box<HandoffContact>>),
+}
+
+/// Whether two ends leave each other room.
+enum Room {
+    No,
+    /// As the plan has them, or that is taken for granted.
+    AsChosen,
+    /// By other chains for the one or the other.
+    By([Option<Chain>; 2]),
 }
 
 /// What may still be spent on a look at a plan.
@@ -75,7 +103,36 @@ impl Search<'_> {
         if !is_smart || !self.asks_freely() || self.tree[0].is_goal {
             return None;
         }
-        let (guide, outline) = self.advise(0, control)?;
+        let (guide, mut outline) = self.advise(0, control)?;
+        let rng = self.seed.stream("crowding");
+        let mut look = Look { control, rng, compared: 0, asked: 0 };
+        let mut crowded = None;
+        for _ in 0..=MOST_CHANGES {
+            let ends = self.all_ends(&outline);
+            let pairs = ends.iter().enumerate().flat_map(|(index, one)| {
+                let others = ends[..index].iter();
+                others.filter(|two| two.step == one.step && two.arm != one.arm).map(move |two| [one, two])
+            });
+            let mut changes = None;
+            for pair in pairs {
+                match self.room(pair, &outline, &mut look) {
+                    Room::AsChosen => continue,
+                    Room::By(chains) => changes = Some((pair.map(|end| end.carry.object.0), chains)),
+                    Room::No => crowded = Some([pair[1].carry.clone(), pair[0].carry.clone()]),
+                }
+                break;
+            }
+            let Some((objects, chains)) = changes else { break };
+            for (object, chain) in objects.into_iter().zip(chains) {
+                outline.chains.extend(chain.map(|chain| (object, vec![chain])));
+            }
+        }
+        self.prepared = Some((self.version, guide, outline));
+        crowded
+    }
+
+    /// The ends of all straight carries of a plan that have but one chain.
+    fn all_ends(&self, outline: &Outline) -> Vec<End> {
         let mut ends: Vec<End> = Vec::new();
         for leg in &outline.legs {
             let legs = outline.legs.iter().filter(|other| other.object == leg.object).count();
@@ -85,17 +142,7 @@ impl Search<'_> {
                 ends.extend(self.ends(leg, chain));
             }
         }
-        self.prepared = Some((self.version, guide, outline));
-        let rng = self.seed.stream("crowding");
-        let mut look = Look { control, rng, compared: 0, asked: 0 };
-        for (index, one) in ends.iter().enumerate() {
-            for two in ends[..index].iter().filter(|two| two.step == one.step && two.arm != one.arm) {
-                if !self.is_room([one, two], &mut look) {
-                    return Some([two.carry.clone(), one.carry.clone()]);
-                }
-            }
-        }
-        None
+        ends
     }
 
     /// Whether there is a guide from the start.
@@ -124,7 +171,7 @@ impl Search<'_> {
         let place = query(ContactKind::Place, *last, object, chain.target);
         let end = |action, step, asked: ContactQuery, opposite, chosen| {
             let carry = CarryEnd { object, action, carriers: leg.arms.clone() };
-            End { carry, step, arm: asked.arm, asked, opposite, chosen }
+            End { carry, steps: (leg.begins(), leg.ends()), step, arm: asked.arm, asked, opposite, chosen }
         };
         vec![
             end(RestAction::Pick, leg.begins(), pick, place, *taken),
@@ -134,12 +181,13 @@ impl Search<'_> {
 
     /// Whether some contacts at the two ends are apart, in holds in which both objects can be carried. When in doubt
     /// they are.
-    fn is_room(&mut self, ends: [&End; 2], look: &mut Look<'_>) -> bool {
+    fn room(&mut self, ends: [&End; 2], outline: &Outline, look: &mut Look<'_>) -> Room {
         let chosen = ends.map(|end| self.grounder.contacts.at(&end.asked, &end.chosen));
         if self.some_apart(ends, [&chosen[0], &chosen[1]], look) {
-            return true;
+            return Room::AsChosen;
         }
         let mut choices = ends.map(|end| self.choices(end));
+        let mut unsuited = 0;
         for is_last in [false, true] {
             if is_last {
                 // Perhaps a few contacts are too few to tell.
@@ -156,21 +204,67 @@ impl Search<'_> {
             for i in 0..choices[0].len() {
                 for j in 0..choices[1].len() {
                     if look.is_over() {
-                        return true;
+                        return Room::AsChosen;
                     }
                     let (a, b) = (&choices[0][i], &choices[1][j]);
-                    if a.leads != Some(false)
-                        && b.leads != Some(false)
+                    let open = |choice: &Choice| !matches!(choice.leads, Some(Leads::Nowhere));
+                    if !(open(a)
+                        && open(b)
                         && self.some_apart(ends, [&a.contacts, &b.contacts], look)
                         && self.leads(ends[0], &mut choices[0][i], look)
-                        && self.leads(ends[1], &mut choices[1][j], look)
+                        && self.leads(ends[1], &mut choices[1][j], look))
                     {
-                        return true;
+                        continue;
+                    }
+                    let pair = [&choices[0][i], &choices[1][j]];
+                    if let Some(chains) = self.other_chains(ends, pair, outline) {
+                        return Room::By(chains);
+                    }
+                    unsuited += 1;
+                    if unsuited == MOST_UNSUITED {
+                        return Room::AsChosen;
                     }
                 }
             }
+            if unsuited > 0 {
+                return Room::AsChosen;
+            }
         }
-        look.is_over()
+        if look.is_over() { Room::AsChosen } else { Room::No }
+    }
+
+    /// Chains in these holds where they are others than the plan's; `None` where one cannot be had beside the other
+    /// objects.
+    fn other_chains(
+        &mut self,
+        ends: [&End; 2],
+        choices: [&Choice; 2],
+        outline: &Outline,
+    ) -> Option<[Option<Chain>; 2]> {
+        let mut chains = [None, None];
+        for ((end, choice), chain) in ends.into_iter().zip(choices).zip(&mut chains) {
+            let by = match &choice.leads {
+                Some(Leads::By(by)) => by.as_deref(),
+                Some(Leads::AsChosen) => continue,
+                Some(Leads::Nowhere) | None => return None,
+            };
+            let object = end.carry.object.0;
+            let known = outline.chains.get(&object)?.first()?;
+            let holds = match by {
+                Some(meeting) => vec![meeting.giver_hold, meeting.receiver_hold],
+                None => vec![choice.hold],
+            };
+            let carriers = end.carry.carriers.iter().copied().zip(holds).collect();
+            let other = Chain { carriers, handoffs: by.cloned().into_iter().collect(), ..known.clone() };
+            let vertex = &self.tree[0];
+            let at_pick = self.grounder.around(vertex, outline, object, end.steps.0);
+            let at_place = self.grounder.around(vertex, outline, object, end.steps.1);
+            if !self.grounder.suits(&other, object, &vertex.objects[object], &at_pick, &at_place) {
+                return None;
+            }
+            *chain = Some(other);
+        }
+        Some(chains)
     }
 
     /// The holds in which there is a contact at an end, with the first contacts.
@@ -182,7 +276,7 @@ impl Search<'_> {
         }
         let mut choices = Vec::with_capacity(holds.len());
         for hold in holds {
-            let leads = (hold == end.chosen).then_some(true);
+            let leads = (hold == end.chosen).then_some(Leads::AsChosen);
             choices.push(Choice { hold, contacts: contacts.at(&end.asked, &hold).to_vec(), leads });
         }
         choices
@@ -204,8 +298,8 @@ impl Search<'_> {
 
     /// Whether the object can be carried in this hold at this end.
     fn leads(&mut self, end: &End, choice: &mut Choice, look: &mut Look<'_>) -> bool {
-        if let Some(known) = choice.leads {
-            return known;
+        if let Some(known) = &choice.leads {
+            return !matches!(known, Leads::Nowhere);
         }
         if look.is_over() {
             return true;
@@ -229,12 +323,13 @@ impl Search<'_> {
                     giver_near: &[],
                     receiver_near: &[],
                 };
-                !contacts.first_handoffs(&asked, HANDOFF_TRIES, 1, &mut look.rng).is_empty()
+                let found = contacts.first_handoffs(&asked, HANDOFF_TRIES, 1, &mut look.rng);
+                found.into_iter().next().map(|meeting| Leads::By(Some(Box::new(meeting))))
             }
-            _ => opposite.iter().any(|(_, hold)| *hold == choice.hold),
+            _ => opposite.iter().any(|(_, hold)| *hold == choice.hold).then_some(Leads::By(None)),
         };
-        choice.leads = Some(found);
-        found
+        let found = choice.leads.insert(found.unwrap_or(Leads::Nowhere));
+        !matches!(found, Leads::Nowhere)
     }
 
     /// Whether the arms are apart at some contact of each end, before the two actions and after them.

@@ -243,7 +243,7 @@ impl<'a> Grounder<'a> {
     }
 
     /// Whether the contacts at both ends of a known chain can still be had.
-    fn suits(
+    pub(super) fn suits(
         &mut self,
         chain: &Chain,
         object: usize,
