@@ -256,3 +256,46 @@ impl Mover<'_> {
         exempt(self, body, other, other_body) || exempt(other, other_body, self, body)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use rand::Rng as _;
+
+    use super::*;
+
+    #[test]
+    fn paths_are_sampled_as_they_are() {
+        let mut rng = crate::run::Seed(26).stream("paths");
+        for count in [1, 2, 3, 6] {
+            let mut q = || (0..7).map(|_| rng.random_range(-2.0..2.0)).collect::<Config>();
+            let waypoints: Vec<Config> = (0..count).map(|_| q()).collect();
+            let path = PathMotion::new(&waypoints);
+            let (from, to) = path.span();
+            for _ in 0..50 {
+                let intervals = std::array::from_fn(|_| {
+                    let mut part = || rng.random_range(0.0..=1.0_f64);
+                    let (a, b) = (part(), part());
+                    (from + (to - from) * a.min(b), from + (to - from) * a.max(b))
+                });
+                let mut found = Samples::default();
+                path.sample(&intervals, &mut found);
+                for (lane, (s0, s1)) in intervals.into_iter().enumerate() {
+                    let (values, deviations) = (path.at((s0 + s1) / 2.0), path.deviation(s0, s1));
+                    for joint in 0..7 {
+                        assert_eq!(found.values[joint][lane], values[joint] as f32);
+                        assert!(f64::from(found.deviations[joint][lane]) >= deviations[joint]);
+                        assert!(f64::from(found.deviations[joint][lane]) <= deviations[joint] * 1.00001);
+                    }
+                    // Nothing in between is farther away.
+                    for part in 0..=10 {
+                        let q = path.at(s0 + (s1 - s0) * f64::from(part) / 10.0);
+                        for joint in 0..7 {
+                            let stray = (q[joint] - values[joint]).abs();
+                            assert!(stray <= f64::from(found.deviations[joint][lane]) + 1e-12);
+                        }
+                    }
+                }
+            }
+        }
+    }
+}

@@ -254,7 +254,7 @@ impl CollisionWorld {
         self.first_conflict(first, second, span).is_none()
     }
 
-    /// The time around which two arms' motions first fail to be certified apart in `span`, if any.
+    /// A time around which two arms' motions fail to be certified apart in `span`, if there is one.
     pub fn first_conflict(
         &self,
         first: (ArmId, &dyn JointMotion, Option<&Held>, Exemption),

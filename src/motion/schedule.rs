@@ -92,15 +92,17 @@ pub(super) fn schedule(
             }
             Some(conflict) => {
                 worst = worst.or(Some(conflict));
-                for arm in [conflict.first, conflict.second] {
+                for (arm, other) in [(conflict.first, conflict.second), (conflict.second, conflict.first)] {
                     let later = |wait: u32| {
                         let mut next = delays.clone();
                         next[arm] += wait;
                         next
                     };
                     // Who is in the way even of an arm that comes when all is over, mostly is in any case.
-                    let at_last = search.timings(&later(LONGEST_WAIT));
-                    if search.meets(conflict, &at_last) {
+                    let timings = search.timings(&delays);
+                    let over = ((timings[other].end - timings[arm].start) / TICK).ceil().max(0.0) as u32;
+                    let at_last = search.timings(&later(over.max(LONGEST_WAIT)));
+                    if search.meets_at_last(conflict, arm, &at_last) {
                         continue;
                     }
                     let passing = WAITS.iter().find_map(|wait| {
@@ -239,6 +241,8 @@ struct Search<'a> {
     composed: Vec<Option<(Moment, Rc<Composed>)>>,
     /// By pair of arms, the moments for which they were certified apart last.
     apart: BTreeMap<(usize, usize), (Moment, Moment)>,
+    /// By pair of arms and the one that comes after the other, whether they are seen to meet.
+    at_last: BTreeMap<(usize, usize, usize), bool>,
 }
 
 impl<'a> Search<'a> {
@@ -251,7 +255,16 @@ impl<'a> Search<'a> {
         let composed = legs.iter().map(|_| None).collect();
         let held: Vec<Option<&Held>> = task.arms.iter().map(|arm| arm.held.as_ref()).collect();
         let pairs = pairs(world, &held).into();
-        Self { world, task, legs, pairs, known: &mut known.0, composed, apart: BTreeMap::new() }
+        Self {
+            world,
+            task,
+            legs,
+            pairs,
+            known: &mut known.0,
+            composed,
+            apart: BTreeMap::new(),
+            at_last: BTreeMap::new(),
+        }
     }
 }
 
@@ -353,6 +366,17 @@ impl Search<'_> {
         }
         self.known.insert(key, apart);
         apart
+    }
+
+    /// Whether a pair of arms is seen to meet at one of a few instants when `arm` comes after the other; asked once.
+    fn meets_at_last(&mut self, pair: Conflict, arm: usize, timings: &[Timing]) -> bool {
+        let key = (pair.first, pair.second, arm);
+        if let Some(&known) = self.at_last.get(&key) {
+            return known;
+        }
+        let meets = self.meets(pair, timings);
+        self.at_last.insert(key, meets);
+        meets
     }
 
     /// Whether a pair of arms is seen to meet at one of a few instants.

@@ -94,7 +94,7 @@ pub(super) struct ChainPlanner<'p, 'a> {
     pub(super) handoff_tries: usize,
     /// Chance of sampling contacts anew.
     pub(super) fresh: f64,
-    /// Whether there is no plan yet.
+    /// Whether what is good enough for a first plan will do.
     pub(super) is_hasty: bool,
 }
 

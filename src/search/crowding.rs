@@ -107,7 +107,7 @@ impl Search<'_> {
         let rng = self.seed.stream("crowding");
         let mut look = Look { control, rng, compared: 0, asked: 0 };
         let mut crowded = None;
-        for _ in 0..=MOST_CHANGES {
+        for round in 0..=MOST_CHANGES {
             let ends = self.all_ends(&outline);
             let pairs = ends.iter().enumerate().flat_map(|(index, one)| {
                 let others = ends[..index].iter();
@@ -122,7 +122,7 @@ impl Search<'_> {
                 }
                 break;
             }
-            let Some((objects, chains)) = changes else { break };
+            let Some((objects, chains)) = changes.filter(|_| round < MOST_CHANGES) else { break };
             for (object, chain) in objects.into_iter().zip(chains) {
                 outline.chains.extend(chain.map(|chain| (object, vec![chain])));
             }
@@ -179,8 +179,8 @@ impl Search<'_> {
         ]
     }
 
-    /// Whether some contacts at the two ends are apart, in holds in which both objects can be carried. When in doubt
-    /// they are.
+    /// In which holds, in which both objects can be carried, some contacts at the two ends are apart. When in doubt
+    /// they are as they were chosen.
     fn room(&mut self, ends: [&End; 2], outline: &Outline, look: &mut Look<'_>) -> Room {
         let chosen = ends.map(|end| self.grounder.contacts.at(&end.asked, &end.chosen));
         if self.some_apart(ends, [&chosen[0], &chosen[1]], look) {
@@ -218,7 +218,8 @@ impl Search<'_> {
                     }
                     let pair = [&choices[0][i], &choices[1][j]];
                     if let Some(chains) = self.other_chains(ends, pair, outline) {
-                        return Room::By(chains);
+                        let are_others = chains.iter().any(Option::is_some);
+                        return if are_others { Room::By(chains) } else { Room::AsChosen };
                     }
                     unsuited += 1;
                     if unsuited == MOST_UNSUITED {

@@ -85,7 +85,7 @@ pub(super) struct Grounder<'a> {
     pub(super) control: Control,
     /// Whether arms without an action stay where they are: they neither position themselves ahead nor go home.
     pub(super) stays_put: bool,
-    /// Whether there is no plan yet.
+    /// Whether what is good enough for a first plan will do.
     pub(super) is_hasty: bool,
     /// How often no grasps fitted together for an object along a sequence of arms to a node, and how often
     /// something was in the way of the leg that was to follow.

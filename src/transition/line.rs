@@ -1,5 +1,7 @@
 //! Straight lines of the TCP, as joint waypoints.
 
+use smallvec::SmallVec;
+
 use crate::geometry::{Pose, Vec3};
 use crate::kinematics::Config;
 use crate::workcell::Arm;
@@ -40,20 +42,21 @@ impl Line {
         let start = arm.tcp_pose(q);
         let mut waypoints = vec![Config::from_slice(q)];
         let pieces = (distance / SPACING).ceil().max(1.0) as usize;
-        let length = distance / pieces as f64;
         let mut advance = |along: f64| {
             let previous = waypoints.last()?;
             let next = step(arm, &start, direction, along, previous)?;
             is_straight(arm, &start, direction, previous, &next).then(|| waypoints.push(next))
         };
-        for piece in 1..=pieces {
-            let along = distance * piece as f64 / pieces as f64;
-            if advance(along).is_none() {
-                if length <= LEAST_HALVED {
-                    return None;
-                }
-                advance(along - length / 2.0)?;
-                advance(along)?;
+        let mut before = 0.0;
+        let mut ahead: SmallVec<[f64; 8]> =
+            (1..=pieces).rev().map(|piece| distance * piece as f64 / pieces as f64).collect();
+        while let Some(along) = ahead.pop() {
+            if advance(along).is_some() {
+                before = along;
+            } else if along - before > LEAST_HALVED {
+                ahead.extend([along, (before + along) / 2.0]);
+            } else {
+                return None;
             }
         }
         let last = waypoints.last()?.clone();

@@ -280,7 +280,7 @@ impl Job {
         own & self.active
     }
 
-    /// Cuts the lanes `open` into jobs of their own; the earliest comes to lie on top.
+    /// Cuts `lanes` into jobs of their own; the earliest comes to lie on top.
     fn cut(&self, lanes: Bits8, is_fresh: bool, pairs: (usize, usize), jobs: &mut SmallVec<[Job; 4]>) {
         let count = lanes.count_ones();
         let parts = match count {
