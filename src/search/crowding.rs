@@ -77,7 +77,7 @@ enum Room {
     /// As the plan has them, or that is taken for granted.
     AsChosen,
     /// By other chains for the one or the other.
-    By([Option<Chain>; 2]),
+    By(Box<[Option<Chain>; 2]>),
 }
 
 /// What may still be spent on a look at a plan.
@@ -97,7 +97,8 @@ impl Look<'_> {
 impl Search<'_> {
     /// The first two actions in one step of the way from the start that were not found to go together, in
     /// any holds in which both objects can be carried straight to their goals. Looked for where the guidance is for
-    /// all objects at once and they are few. The way is kept for the next iteration.
+    /// all objects at once and they are few. The way is kept for the next iteration, with chains in other holds where those
+    /// leave room.
     pub fn crowding(&mut self, control: &Control) -> Option<[CarryEnd; 2]> {
         let is_smart = matches!(self.problem.options.guidance, GuidanceKind::Smart);
         if !is_smart || !self.asks_freely() || self.tree[0].is_goal {
@@ -123,7 +124,7 @@ impl Search<'_> {
                 break;
             }
             let Some((objects, chains)) = changes.filter(|_| round < MOST_CHANGES) else { break };
-            for (object, chain) in objects.into_iter().zip(chains) {
+            for (object, chain) in objects.into_iter().zip(*chains) {
                 outline.chains.extend(chain.map(|chain| (object, vec![chain])));
             }
         }
@@ -219,7 +220,7 @@ impl Search<'_> {
                     let pair = [&choices[0][i], &choices[1][j]];
                     if let Some(chains) = self.other_chains(ends, pair, outline) {
                         let are_others = chains.iter().any(Option::is_some);
-                        return if are_others { Room::By(chains) } else { Room::AsChosen };
+                        return if are_others { Room::By(Box::new(chains)) } else { Room::AsChosen };
                     }
                     unsuited += 1;
                     if unsuited == MOST_UNSUITED {
