@@ -356,3 +356,64 @@ impl Search<'_> {
         })
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::collision::CollisionWorld;
+    use crate::mode_graph::{ModeGraphOptions, build_mode_graph};
+    use crate::run::Seed;
+    use crate::scenario::{Family, generate};
+    use crate::search::{Map, Settings};
+    use crate::transition::SampledReach;
+    use crate::wire::{LibraryOnly, ReadLimits, read_problem_value};
+
+    #[test]
+    fn chains_are_taken_in_holds_that_leave_room() {
+        let control = Control::unbounded();
+        let mut changed = 0;
+        for seed in 0..400 {
+            let family = [Family::Switch, Family::SideToSide, Family::Random][seed as usize % 3];
+            let document = generate(family, 4, 4, seed).unwrap();
+            let problem =
+                read_problem_value(&document, &LibraryOnly, &ReadLimits::default()).unwrap().problem;
+            let (seed, world) = (Seed(seed), CollisionWorld::new(&problem));
+            let mut reach = SampledReach::new(&problem, &world, seed);
+            let graph = build_mode_graph(&problem, &mut reach, &ModeGraphOptions::planning(), &control);
+            let (map, contacts) = (Map::new(graph).unwrap(), reach.into_contacts());
+            // What is asked here takes no motions.
+            let (settings, roadmaps) = (Settings::default(), Vec::new());
+            let mut search =
+                Search::new(&problem, &world, &map, contacts, roadmaps, settings, seed, &control);
+            if search.crowding(&control).is_some() {
+                continue;
+            }
+            let Some((_, _, outline)) = search.prepared.take() else { continue };
+            for (object, chains) in &outline.chains {
+                let [chain] = chains.as_slice() else { continue };
+                for (hop, meeting) in chain.handoffs.iter().enumerate() {
+                    assert_eq!(chain.carriers[hop].1, meeting.giver_hold);
+                    assert_eq!(chain.carriers[hop + 1].1, meeting.receiver_hold);
+                }
+                // Those of the outline itself are chosen by what they cost from where the arms are.
+                if chain.handoffs.len() != 1 || chain.handoffs[0].cost > 0.0 {
+                    continue;
+                }
+                changed += 1;
+                let ends = search.all_ends(&outline);
+                assert!(ends.iter().filter(|end| end.carry.object.0 == *object).count() == 2);
+                for end in ends.iter().filter(|end| end.carry.object.0 == *object) {
+                    let (vertex, steps) = (&search.tree[0], end.steps);
+                    let at_pick = search.grounder.around(vertex, &outline, *object, steps.0);
+                    let at_place = search.grounder.around(vertex, &outline, *object, steps.1);
+                    let from = &vertex.objects[*object];
+                    assert!(search.grounder.suits(chain, *object, from, &at_pick, &at_place));
+                }
+            }
+            if changed >= 3 {
+                return;
+            }
+        }
+        panic!("{changed} chains were changed");
+    }
+}
