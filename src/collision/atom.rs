@@ -36,8 +36,9 @@ pub struct Atom {
     pub(super) core: Core,
     /// Whether the core is the shape itself.
     pub(super) core_is_exact: bool,
-    /// A box around the shape, where the core is a capsule that is not the shape itself: flat ends are flat in it.
-    pub(super) hull: Option<(Pose, Vec3)>,
+    /// A box around the shape (frame in the body's frame, half extents in m), where the core is a capsule that is not the
+    /// shape itself: flat ends are flat in it.
+    pub(super) beside: Option<(Pose, Vec3)>,
     pub(super) exact: ExactShape,
     /// Whether the core is a capsule whose axis lies in the shape.
     has_axis: bool,
@@ -89,7 +90,7 @@ impl Atom {
             Shape::Box { half_extents } => (Core::Box { pose: placed.pose, half: *half_extents }, true),
             Shape::Convex(hull) => (enclosing_capsule(hull.vertices(), &placed.pose), false),
         };
-        let hull = match &placed.shape {
+        let beside = match &placed.shape {
             Shape::Cylinder { radius, half_length } => {
                 Some((placed.pose, Vec3::new(*radius, *radius, *half_length)))
             }
@@ -102,7 +103,7 @@ impl Atom {
             Core::Capsule { a, b, radius } => ((a + b) / 2.0, (b - a).norm() / 2.0 + radius),
             Core::Box { pose, half } => (pose.translation.vector, half.norm()),
         };
-        Self { core, core_is_exact, hull, exact, has_axis, centre, radius }
+        Self { core, core_is_exact, beside, exact, has_axis, centre, radius }
     }
 
     /// The greatest distance (m) of the enclosing core from the body's origin.
@@ -121,7 +122,7 @@ impl Atom {
                 out.a = body.rotation * a + body.translation.vector;
                 out.b = body.rotation * b + body.translation.vector;
                 out.centre = (out.a + out.b) / 2.0;
-                if let Some((pose, _)) = &self.hull {
+                if let Some((pose, _)) = &self.beside {
                     out.frame = body * pose;
                 }
             }
@@ -188,7 +189,7 @@ impl Atom {
         if bound >= need || (self.core_is_exact && other.core_is_exact) {
             return bound;
         }
-        match self.hull_separation(at, other, other_at) {
+        match self.box_separation(at, other, other_at) {
             Some(bound) if bound >= need => bound,
             _ => self.exact.gap(&at.body, &other.exact, &other_at.body, need),
         }
@@ -196,8 +197,8 @@ impl Atom {
 
     /// A lower bound (m) on the distance between two placed atoms by the boxes around them, where one has such a box
     /// beside its core.
-    fn hull_separation(&self, at: &PlacedAtom, other: &Atom, other_at: &PlacedAtom) -> Option<f64> {
-        if self.hull.is_none() && other.hull.is_none() {
+    fn box_separation(&self, at: &PlacedAtom, other: &Atom, other_at: &PlacedAtom) -> Option<f64> {
+        if self.beside.is_none() && other.beside.is_none() {
             return None;
         }
         Some(match ((self.half(), &self.core), (other.half(), &other.core)) {
@@ -216,7 +217,7 @@ impl Atom {
 
     /// Half extents (m) of the box that is the core, or beside it.
     fn half(&self) -> Option<&Vec3> {
-        match (&self.core, &self.hull) {
+        match (&self.core, &self.beside) {
             (Core::Box { half, .. }, _) | (_, Some((_, half))) => Some(half),
             _ => None,
         }

@@ -408,6 +408,13 @@ mod tests {
                     let at_place = search.grounder.around(vertex, &outline, *object, steps.1);
                     let from = &vertex.objects[*object];
                     assert!(search.grounder.suits(chain, *object, from, &at_pick, &at_place));
+                    for other in ends.iter().filter(|other| other.step == end.step && other.arm != end.arm) {
+                        let contacts = &mut search.grounder.contacts;
+                        let held = [end, other].map(|end| contacts.at(&end.asked, &end.chosen));
+                        let rng = seed.stream("test");
+                        let mut look = Look { control: &control, rng, compared: 0, asked: 0 };
+                        assert!(search.some_apart([end, other], [&held[0], &held[1]], &mut look));
+                    }
                 }
             }
             if changed >= 3 {

@@ -32,6 +32,7 @@ pub(super) struct LaneCapsule {
 #[derive(Debug, Clone)]
 pub(in crate::collision) struct LaneStatic {
     core: LaneCore,
+    /// A box around the shape, where the core is a capsule that is not the shape itself.
     beside: Option<LaneCore>,
     /// Whether the box's axes are those of the placement.
     aligned: bool,
@@ -145,7 +146,7 @@ impl LaneCore {
 
     /// The box beside that core, where there is one.
     pub(super) fn beside(atom: &Atom, body: &Pose) -> Option<Self> {
-        atom.hull.as_ref().map(|(pose, half)| Self::of_box(&(body * pose), half))
+        atom.beside.as_ref().map(|(pose, half)| Self::of_box(&(body * pose), half))
     }
 
     /// A box at `pose` in the carrier's frame with half extents `half` (m).

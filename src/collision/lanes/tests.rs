@@ -5,7 +5,7 @@ use rand::Rng as _;
 use crate::collision::reference;
 use crate::collision::{CollisionWorld, Exemption, Held, JointMotion, Scene, StraightMotion, Taking};
 use crate::geometry::lanes::InstructionSet;
-use crate::geometry::pose_from_parts;
+use crate::geometry::{ConvexHull, PlacedShape, Shape, Vec3, pose_from_parts};
 use crate::kinematics::{ArmModel, Config, NoMeshes};
 use crate::problem::{InitialPlacement, Problem};
 use crate::run::{Rng, Seed};
@@ -107,6 +107,41 @@ fn single_configurations_get_the_exact_verdict() {
 impl Case {
     fn parts<'a>(&'a self, motion: &'a dyn JointMotion) -> Taking<'a> {
         (self.arm, motion, self.held.as_ref(), self.exemption)
+    }
+}
+
+/// Cylinders and convex pieces, which their capsules do not show as they are.
+#[test]
+fn objects_that_are_flat_get_the_exact_verdict() {
+    let mut problem = problem("switch/4x4");
+    let mut rng = Seed(27).stream("flat");
+    for (number, object) in problem.objects.iter_mut().enumerate() {
+        let shape = if number % 2 == 0 {
+            Shape::Cylinder { radius: 0.09, half_length: 0.02 }
+        } else {
+            let mut r = || rng.random_range(-1.0..1.0);
+            let points: Vec<Vec3> = (0..14).map(|_| Vec3::new(0.1 * r(), 0.08 * r(), 0.02 * r())).collect();
+            Shape::Convex(std::sync::Arc::new(ConvexHull::new(&points).unwrap()))
+        };
+        object.shapes =
+            vec![PlacedShape { shape, pose: pose_from_parts([0.01, 0.0, 0.02], [0.1, 0.2, 0.0, 1.0]) }];
+    }
+    for set in sets() {
+        let world = CollisionWorld::with_instructions(&problem, set);
+        let (mut free, mut apart) = (0, 0);
+        for _ in 0..1500 {
+            let (mut a, mut b) = (random_case(&problem, &mut rng), random_case(&problem, &mut rng));
+            (a.arm, b.arm) = (ArmId(0), ArmId(rng.random_range(1..4)));
+            let rests = (StraightMotion::rest(&a.q), StraightMotion::rest(&b.q));
+            let scene = random_scene(&problem, &mut rng);
+            let found = world.config_free(a.arm, &a.q, a.held.as_ref(), &scene, a.exemption);
+            assert_eq!(found, reference::is_free(&world, &a.parts(&rests.0), &scene), "{:?}", a.q);
+            free += usize::from(found);
+            let found = world.motions_apart(a.parts(&rests.0), b.parts(&rests.1), (0.0, 1.0));
+            assert_eq!(found, reference::are_apart(&world, &a.parts(&rests.0), &b.parts(&rests.1)));
+            apart += usize::from(found);
+        }
+        assert!(free > 150 && free < 1350 && apart > 150, "{free} {apart}");
     }
 }
 
