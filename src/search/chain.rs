@@ -9,7 +9,7 @@ use std::collections::BTreeMap;
 use rand::Rng as _;
 use rand::seq::IndexedRandom;
 
-use crate::collision::CollisionWorld;
+use crate::collision::{CollisionWorld, Scene};
 use crate::geometry::Pose;
 use crate::guidance::NodeId;
 use crate::kinematics::Config;
@@ -70,6 +70,27 @@ pub(super) struct ChainRequest<'a> {
     pub(super) anew: bool,
 }
 
+/// One end of a chain: the holds in which the object may be taken up or put down there.
+struct End {
+    /// Those of which it is not known that they will not do.
+    holds: Vec<Hold>,
+    /// What is asked of an arm that takes the object up or puts it down, and the others at rest; `None` where it is in
+    /// the hand.
+    rest: Option<(ContactQuery, Scene)>,
+}
+
+impl End {
+    /// Whether there is a contact in `hold` that is clear of the others; else it is none of the holds any more.
+    fn confirm(&mut self, contacts: &mut Contacts<'_>, hold: &Pose) -> bool {
+        let Some((asked, scene)) = &self.rest else { return true };
+        let is_clear = contacts.is_clear_of(asked, hold, scene);
+        if !is_clear {
+            self.holds.retain(|(_, other)| other != hold);
+        }
+        is_clear
+    }
+}
+
 /// Why there is no chain.
 #[derive(Debug, Clone)]
 pub(super) enum Misfit {
@@ -104,18 +125,17 @@ impl ChainPlanner<'_, '_> {
         let (Some(&first), Some(&last)) = (request.arms.first(), request.arms.last()) else {
             return Err(Misfit::Between);
         };
-        let (start, start_clear) = match request.from {
+        let mut start = match request.from {
             Whereabouts::Resting { pose, surface } => {
                 let pick = query(ContactKind::Pick, first, request.object, (*pose, *surface));
                 self.sample(request, &pick);
-                (self.contacts.holds(&pick), self.clear_holds(&pick, request.at_pick))
+                self.rest_end(pick, request.at_pick)
             }
             Whereabouts::Held { object_in_tcp, .. } => {
-                let held = vec![(usize::MAX, *object_in_tcp)];
-                (held.clone(), held)
+                End { holds: vec![(usize::MAX, *object_in_tcp)], rest: None }
             }
         };
-        if start.is_empty() {
+        if start.holds.is_empty() {
             return Err(Misfit::Pick);
         }
         let mut why = Misfit::Place;
@@ -126,27 +146,26 @@ impl ChainPlanner<'_, '_> {
             }
             let place = query(ContactKind::Place, last, request.object, (pose, surface));
             self.sample(request, &place);
-            let mut end = self.contacts.holds(&place);
-            let mut end_clear = self.clear_holds(&place, request.at_place);
+            let mut end = self.rest_end(place, request.at_place);
             if let Whereabouts::Held { object_in_tcp, .. } = request.from
                 && request.arms.len() == 1
-                && !end.iter().any(|(_, hold)| hold == object_in_tcp)
-                && self.contacts.has(&place, object_in_tcp)
+                && !end.holds.iter().any(|(_, hold)| hold == object_in_tcp)
             {
                 // Held from the start in a way that no grasp lists.
-                end.push(start[0]);
-                if self.blockers(&place, object_in_tcp, request.at_place).is_empty() {
-                    end_clear.push(start[0]);
-                }
+                end.holds.push((usize::MAX, *object_in_tcp));
             }
-            if end.is_empty() {
-                continue;
-            }
-            tried += 1;
-            if let Some(chain) = self.fit(request, &start_clear, &end_clear, (pose, surface)) {
+            if let Some(chain) = self.fit(request, &mut start, &mut end, (pose, surface)) {
                 return Ok(chain);
             }
-            why = self.blame(request, &start, &end, (pose, surface));
+            let misfit = self.blame(request, (&start, &end), (pose, surface));
+            match misfit {
+                Misfit::Pick => return Err(misfit),
+                Misfit::Place => {}
+                Misfit::Between | Misfit::Blocked { .. } => {
+                    tried += 1;
+                    why = misfit;
+                }
+            }
         }
         Err(why)
     }
@@ -166,14 +185,20 @@ impl ChainPlanner<'_, '_> {
     fn blame(
         &mut self,
         request: &ChainRequest<'_>,
-        start: &[Hold],
-        end: &[Hold],
+        (start, end): (&End, &End),
         target: (Pose, SurfaceId),
     ) -> Misfit {
+        let (mut start, mut end) = (self.beside_nothing(request, start), self.beside_nothing(request, end));
+        if start.holds.is_empty() {
+            return Misfit::Pick;
+        }
+        if end.holds.is_empty() {
+            return Misfit::Place;
+        }
         if request.at_pick.is_empty() && request.at_place.is_empty() {
             return Misfit::Between;
         }
-        let Some(chain) = self.fit(request, start, end, target) else { return Misfit::Between };
+        let Some(chain) = self.fit(request, &mut start, &mut end, target) else { return Misfit::Between };
         let (Some(&(first, taken)), Some(&(last, put))) = (chain.carriers.first(), chain.carriers.last())
         else {
             return Misfit::Between;
@@ -214,8 +239,24 @@ impl ChainPlanner<'_, '_> {
         found
     }
 
-    fn clear_holds(&mut self, query: &ContactQuery, neighbours: &[Neighbour]) -> Vec<Hold> {
-        self.contacts.clear_holds(query, &scene_of(neighbours))
+    /// The end of a chain where `asked` is asked of an arm, beside `neighbours`.
+    fn rest_end(&mut self, asked: ContactQuery, neighbours: &[Neighbour]) -> End {
+        let scene = scene_of(neighbours);
+        End { holds: self.contacts.open_holds(&asked, &scene), rest: Some((asked, scene)) }
+    }
+
+    /// The same end with the contacts that can be had where no other objects are.
+    fn beside_nothing(&mut self, request: &ChainRequest<'_>, end: &End) -> End {
+        let Some((asked, _)) = &end.rest else { return End { holds: end.holds.clone(), rest: None } };
+        let mut holds = self.contacts.holds(asked);
+        if let Whereabouts::Held { object_in_tcp, .. } = request.from
+            && request.arms.len() == 1
+            && !holds.iter().any(|(_, hold)| hold == object_in_tcp)
+            && self.contacts.has(asked, object_in_tcp)
+        {
+            holds.push((usize::MAX, *object_in_tcp));
+        }
+        End { holds, rest: Some((*asked, Scene::default())) }
     }
 
     /// The targets in the order in which they are tried, without those that are taken.
@@ -241,52 +282,63 @@ impl ChainPlanner<'_, '_> {
         targets
     }
 
-    /// A chain from one of the holds `start` to one of the holds `end`.
+    /// A chain from one of the holds at its start to one of those at its end.
     fn fit(
         &mut self,
         request: &ChainRequest<'_>,
-        start: &[Hold],
-        end: &[Hold],
+        start: &mut End,
+        end: &mut End,
         target: (Pose, SurfaceId),
     ) -> Option<Chain> {
         let (&first, &last) = (request.arms.first()?, request.arms.last()?);
         let (node, wanted) = (request.node, request.wanted);
         if request.arms.len() == 1 {
-            let fitting: Vec<Hold> = start
-                .iter()
-                .filter(|(_, hold)| end.iter().any(|(_, other)| other == hold))
-                .copied()
-                .collect();
+            let mut fitting: Vec<Hold> = start.holds.clone();
+            fitting.retain(|(_, hold)| {
+                end.holds.iter().any(|(_, other)| other == hold)
+                    && start.confirm(self.contacts, hold)
+                    && end.confirm(self.contacts, hold)
+            });
             let hold = self.cheapest_hold(request, first, &target, &fitting)?;
             return Some(Chain { carriers: vec![(first, hold)], handoffs: Vec::new(), target, node, wanted });
-        }
-        if start.is_empty() || end.is_empty() {
-            return None;
         }
         // Backwards: for each meeting those by which the rest of the way can be gone.
         let hops = request.arms.len() - 1;
         let mut meetings: Vec<Vec<HandoffContact>> = Vec::with_capacity(hops);
-        let mut receiver_holds: Vec<Hold> = end.to_vec();
+        let mut receiver_holds: Vec<Hold> = Vec::new();
         for hop in (0..hops).rev() {
             let (giver, receiver) = (request.arms[hop], request.arms[hop + 1]);
             let any = if hop == 0 { Vec::new() } else { self.grasps_of(request.object, giver) };
             let giver_near = self.near(request, giver, hop == 0, &target, false);
             let receiver_near = self.near(request, receiver, false, &target, receiver == last);
-            let asked = crate::transition::HandoffQuery {
-                giver,
-                receiver,
-                object: request.object,
-                giver_holds: if hop == 0 { start } else { &any },
-                receiver_holds: &receiver_holds,
-                giver_near: &giver_near,
-                receiver_near: &receiver_near,
+            let found = loop {
+                let asked = HandoffQuery {
+                    giver,
+                    receiver,
+                    object: request.object,
+                    giver_holds: if hop == 0 { &start.holds } else { &any },
+                    receiver_holds: if hop + 1 == hops { &end.holds } else { &receiver_holds },
+                    giver_near: &giver_near,
+                    receiver_near: &receiver_near,
+                };
+                if asked.giver_holds.is_empty() || asked.receiver_holds.is_empty() {
+                    return None;
+                }
+                // On the first meeting no other depends; to have a choice can wait for a plan.
+                let wanted = if hop == 0 && self.is_hasty { 1 } else { WANTED };
+                let mut found = self.meet(&asked, wanted, request.anew);
+                if found.is_empty() {
+                    return None;
+                }
+                // Contacts are looked for where there is a use for them. Each round in vain leaves fewer holds.
+                found.retain(|meeting| {
+                    (hop > 0 || start.confirm(self.contacts, &meeting.giver_hold))
+                        && (hop + 1 < hops || end.confirm(self.contacts, &meeting.receiver_hold))
+                });
+                if !found.is_empty() {
+                    break found;
+                }
             };
-            // On the first meeting no other depends; to have a choice can wait for a plan.
-            let wanted = if hop == 0 && self.is_hasty { 1 } else { WANTED };
-            let found = self.meet(&asked, wanted, request.anew);
-            if found.is_empty() {
-                return None;
-            }
             receiver_holds.clear();
             for meeting in &found {
                 if !receiver_holds.iter().any(|(_, hold)| *hold == meeting.giver_hold) {
@@ -354,9 +406,14 @@ impl ChainPlanner<'_, '_> {
         let mut near: Vec<Config> = request.arms_at.get(arm.0).cloned().into_iter().collect();
         let mut contact = |kind, at: (Pose, SurfaceId)| {
             let asked = query(kind, arm, request.object, at);
-            let holds = self.contacts.holds(&asked);
-            let (_, hold) = holds.choose(self.rng)?;
-            self.contacts.nth(&asked, hold, 0).map(|contact| contact.q)
+            let mut holds = self.contacts.possible_holds(&asked);
+            while !holds.is_empty() {
+                let (_, hold) = holds.swap_remove(self.rng.random_range(0..holds.len()));
+                if let Some(contact) = self.contacts.nth(&asked, &hold, 0) {
+                    return Some(contact.q);
+                }
+            }
+            None
         };
         if picks && let Whereabouts::Resting { pose, surface } = request.from {
             near.extend(contact(ContactKind::Pick, (*pose, *surface)));

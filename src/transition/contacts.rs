@@ -276,10 +276,15 @@ impl<'a> Contacts<'a> {
         along(holding, Some(&held)) && along(without, None)
     }
 
-    /// [`Self::holds`] for which some contact of [`Self::at`] is clear of the objects in `scene`.
-    pub fn clear_holds(&mut self, query: &ContactQuery, scene: &Scene) -> Vec<(usize, Pose)> {
+    /// The holds in which some contact of [`Self::at`] may be clear of the objects in `scene`: those in which there is
+    /// one, and those in which contacts were not looked for yet.
+    pub fn open_holds(&mut self, query: &ContactQuery, scene: &Scene) -> Vec<(usize, Pose)> {
         let mut holds = self.possible_holds(query);
-        holds.retain(|(_, hold)| self.is_clear_of(query, hold, scene));
+        holds.retain(|(_, hold)| {
+            let (asked, _) = self.canonical(query);
+            let is_known = self.known.contains_key(&self.key(&asked, hold));
+            !is_known || self.is_clear_of(query, hold, scene)
+        });
         holds
     }
 

@@ -27,7 +27,7 @@ use serde_json::Value;
 
 use self::context::Context;
 use self::draft::Draft;
-use super::digest::{problem_digest, workcell_digest};
+use super::digest::Digests;
 use super::fault::{Fault, FaultCode};
 use super::json;
 use super::reader::{Fields, Node};
@@ -116,8 +116,7 @@ fn read_document(document: &Value, context: &mut Context<'_>) -> Option<Problem>
     if !context.faults.is_empty() {
         return None;
     }
-    let digests = (problem_digest(document, &context.contents), workcell_digest(document, &context.contents));
-    let (Some(digest), Some(workcell_digest)) = digests else {
+    let Some(digests) = Digests::of(document, &context.contents) else {
         let message = "the document has no canonical form; use ordinary numbers and text";
         context.faults.push("", FaultCode::InvalidJson, message);
         return None;
@@ -131,8 +130,8 @@ fn read_document(document: &Value, context: &mut Context<'_>) -> Option<Problem>
     };
     Some(Problem {
         name,
-        digest,
-        workcell_digest,
+        digest: digests.problem,
+        workcell_digest: digests.workcell,
         workcell: Arc::new(workcell),
         objects: whole(draft.objects)?,
         initial: whole(initial)?,
