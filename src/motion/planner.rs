@@ -2,7 +2,7 @@
 
 use rand::Rng as _;
 
-use crate::collision::{CollisionWorld, Exemption};
+use crate::collision::{CollisionWorld, Exemption, JointMotion, PathMotion, StraightMotion};
 use crate::kinematics::Config;
 use crate::problem::Problem;
 use crate::run::{Control, Rng, Seed};
@@ -15,7 +15,8 @@ use super::legs::{Legs, time_legs};
 use super::roadmap::Roadmap;
 use super::schedule::{Conflict, PairTimes, schedule};
 use super::task::{ArmGoal, StepTask};
-use super::timed::StepMotion;
+use super::timed::{CurveMotion, Instants, StepMotion};
+use crate::trajectory::CurveTable;
 
 /// Vertices that a fresh roadmap gets.
 const FIRST_VERTICES: usize = 300;
@@ -221,6 +222,7 @@ impl<'a> StepPlanner<'a> {
                 break;
             }
             known.forget(&fresh);
+            tracing::trace!(?fresh, "legs");
             match schedule(self.world, task, &legs, &mut known, control) {
                 Ok(motion) => return Ok(motion),
                 Err(None) => return Err(failure.unwrap_or(StepFailure::Stopped)),
@@ -233,10 +235,13 @@ impl<'a> StepPlanner<'a> {
                     let dispute = disputes.entry((conflict.first, conflict.second)).or_default();
                     *dispute += 1;
                     let dispute = *dispute;
+                    let orders = [(first, second), (second, first)]
+                        .map(|(a, b)| both_act && self.may_go_first(task, a, b));
+                    tracing::trace!(?first, ?second, both_act, dispute, ?orders, "two arms meet");
                     if self.is_hasty && both_act && dispute > MOST_DISPUTES && !thorough {
                         break;
                     }
-                    self.settle(task, &mut round, conflict, dispute);
+                    self.settle(task, &mut round, &legs, conflict, dispute);
                     let both = [conflict.first, conflict.second];
                     let avoids_them =
                         |arm: &usize| round.avoid[*arm].iter().any(|(other, _)| both.contains(other));
@@ -303,12 +308,7 @@ impl<'a> StepPlanner<'a> {
         let resting = self.world.resting_atoms(&task.scene);
         for &index in fresh {
             let arm = &task.arms[index];
-            let from = arm
-                .departure
-                .as_ref()
-                .and_then(|departure| departure.line.waypoints.last())
-                .unwrap_or(&arm.start)
-                .clone();
+            let from = arm.after_departure().clone();
             let to = self.destination(task, round, index, &from);
             let avoid: Vec<Avoid> = round.avoid[index]
                 .iter()
@@ -366,6 +366,7 @@ impl<'a> StepPlanner<'a> {
                 });
             }
             if found.is_none() && !avoid.is_empty() {
+                tracing::trace!(index, "no way around");
                 found = ask(roadmap, &[], &mut self.rng);
             }
             found?
@@ -390,7 +391,7 @@ impl<'a> StepPlanner<'a> {
     /// Another arm at rest before or after its motion.
     fn standing(&self, task: &StepTask, round: &Round, other: usize, at_end: bool) -> Option<Avoid> {
         let arm = &task.arms[other];
-        let from = arm.departure.as_ref().and_then(|d| d.line.waypoints.last()).unwrap_or(&arm.start);
+        let from = arm.after_departure();
         let q = match (&arm.goal, at_end) {
             (_, false) => from.clone(),
             (ArmGoal::Contact { q, .. }, true) => q.clone(),
@@ -399,37 +400,75 @@ impl<'a> StepPlanner<'a> {
         Some(Avoid { arm: ArmId(other), q, held: arm.held })
     }
 
+    /// Whether one acting arm can come to rest at its contact before another has left its own, and the other leave
+    /// after that, as far as the straight lines at both ends tell.
+    fn may_go_first(&self, task: &StepTask, first: ArmId, second: ArmId) -> bool {
+        let (one, other) = (&task.arms[first.0], &task.arms[second.0]);
+        let ArmGoal::Contact { q, approach, exemption, .. } = &one.goal else { return true };
+        let none = Exemption::default();
+        let (arrived, waiting) = (StraightMotion::rest(q), StraightMotion::rest(&other.start));
+        let leaving = other.departure.as_ref();
+        let waits = (second, other.held.as_ref(), leaving.map_or(none, |departure| departure.exemption));
+        let stands = (first, one.held.as_ref(), *exemption);
+        let apart = |a: &dyn JointMotion, b: &dyn JointMotion, span| {
+            self.world.motions_apart((stands.0, a, stands.1, stands.2), (waits.0, b, waits.1, waits.2), span)
+        };
+        let comes = match approach {
+            Some(line) => {
+                let path = PathMotion::new(&line.waypoints);
+                apart(&path, &waiting, path.span())
+            }
+            None => apart(&arrived, &waiting, (0.0, 1.0)),
+        };
+        comes && leaving.is_none_or(|departure| {
+            let path = PathMotion::new(&departure.line.waypoints);
+            apart(&arrived, &path, path.span())
+        })
+    }
+
     /// Changes the round's terms so that two arms that met may pass each other.
-    fn settle(&mut self, task: &StepTask, round: &mut Round, conflict: Conflict, dispute: usize) {
+    fn settle(
+        &mut self,
+        task: &StepTask,
+        round: &mut Round,
+        legs: &[Legs],
+        conflict: Conflict,
+        dispute: usize,
+    ) {
         let (a, b) = (conflict.first, conflict.second);
+        let set = |round: &mut Round, arm: usize, other: usize, at_end: bool| {
+            round.avoid[arm].retain(|&(o, _)| o != other);
+            round.avoid[arm].push((other, at_end));
+        };
         let idle = [a, b].into_iter().filter(|&i| !task.arms[i].acts()).collect::<Vec<_>>();
         if let Some(&arm) = idle.first() {
             // The arm without an action gives way.
             let arm = if idle.len() == 2 && dispute.is_multiple_of(2) { b } else { arm };
             round.idle[arm] = match &round.idle[arm] {
-                Idle::Ahead if matches!(task.arms[arm].goal, ArmGoal::Toward(_)) => Idle::Stay,
-                _ => Idle::Refuge(self.refuge(task, arm)),
+                Idle::Ahead
+                    if matches!(task.arms[arm].goal, ArmGoal::Toward(_))
+                        && !self.is_in_the_way(task, legs, arm, task.arms[arm].after_departure()) =>
+                {
+                    Idle::Stay
+                }
+                _ => Idle::Refuge(self.refuge(task, legs, arm)),
             };
             if dispute > 1 {
                 let other = if arm == a { b } else { a };
-                round.avoid[other] = vec![(arm, dispute.is_multiple_of(2))];
+                set(round, other, arm, dispute.is_multiple_of(2));
             }
             return;
         }
         // One first, the other afterwards: who comes second avoids where the first will rest, and
         // who comes first avoids where the second waits.
         let (first, second) = if dispute % 2 == 1 { (a, b) } else { (b, a) };
-        let mut set = |arm: usize, other: usize, at_end: bool| {
-            round.avoid[arm].retain(|&(o, _)| o != other);
-            round.avoid[arm].push((other, at_end));
-        };
-        set(second, first, true);
-        set(first, second, false);
+        set(round, second, first, true);
+        set(round, first, second, false);
     }
 
     /// A configuration out of the way of all acting arms: home where that is, else a roadmap
     /// vertex.
-    fn refuge(&mut self, task: &StepTask, index: usize) -> Config {
+    fn refuge(&mut self, task: &StepTask, legs: &[Legs], index: usize) -> Config {
         let home = self.problem.workcell.arms[index].home.clone();
         let mut candidates = vec![home.clone()];
         let vertices = self.roadmaps[index].vertices();
@@ -460,6 +499,28 @@ impl<'a> StepPlanner<'a> {
                     })
                 })
         };
-        candidates.into_iter().find(|q| clear(q)).unwrap_or(home)
+        candidates.retain(clear);
+        let place = candidates.iter().position(|q| !self.is_in_the_way(task, legs, index, q)).unwrap_or(0);
+        if candidates.is_empty() { home } else { candidates.swap_remove(place) }
+    }
+
+    /// Whether an arm that stands still at `q` is in the way of an acting arm on its way, at one of a few instants.
+    fn is_in_the_way(&self, task: &StepTask, legs: &[Legs], index: usize, q: &Config) -> bool {
+        let (rest, none) = (StraightMotion::rest(q), Exemption::default());
+        let stands = (ArmId(index), task.arms[index].held.as_ref());
+        legs.iter().zip(&task.arms).enumerate().any(|(other, (legs, arm))| {
+            let comes = (ArmId(other), arm.held.as_ref());
+            if other == index || !arm.acts() || !self.world.may_meet(stands, comes) {
+                return false;
+            }
+            let curve = &legs.through.curve;
+            let span = (curve.start_time(), curve.end_time());
+            let instants = Instants(CurveMotion { curve, table: &CurveTable::new(curve), span });
+            !self.world.motions_apart(
+                (stands.0, &rest, stands.1, none),
+                (comes.0, &instants, comes.1, none),
+                span,
+            )
+        })
     }
 }

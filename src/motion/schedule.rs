@@ -67,7 +67,8 @@ pub(super) fn schedule(
     let root = vec![0_u32; legs.len()];
     let mut open = vec![(search.duration(&root), root)];
     let mut seen: BTreeSet<Vec<u32>> = open.iter().map(|(_, d)| d.clone()).collect();
-    let mut worst = None;
+    // The first two that no waiting parts, and else the first that meet at all.
+    let (mut stuck, mut met) = (None, None);
     for _ in 0..GREATEST_NODES {
         if control.should_stop() {
             return Err(None);
@@ -91,7 +92,8 @@ pub(super) fn schedule(
                 };
             }
             Some(conflict) => {
-                worst = worst.or(Some(conflict));
+                met = met.or(Some(conflict));
+                let mut they_pass = false;
                 for (arm, other) in [(conflict.first, conflict.second), (conflict.second, conflict.first)] {
                     let later = |wait: u32| {
                         let mut next = delays.clone();
@@ -110,16 +112,20 @@ pub(super) fn schedule(
                         let timings = search.timings(&next);
                         search.is_apart(conflict, &timings, true).then_some(next)
                     });
+                    they_pass |= passing.is_some();
                     if let Some(next) = passing
                         && seen.insert(next.clone())
                     {
                         open.push((search.duration(&next), next));
                     }
                 }
+                if !they_pass {
+                    stuck = stuck.or(Some(conflict));
+                }
             }
         }
     }
-    Err(worst)
+    Err(stuck.or(met))
 }
 
 /// Certifies a composed step: the first pair of arms that is not kept apart.

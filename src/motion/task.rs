@@ -62,6 +62,11 @@ pub struct StepTask {
 }
 
 impl ArmTask {
+    /// Where it is once it has left its last action.
+    pub(super) fn after_departure(&self) -> &Config {
+        self.departure.as_ref().and_then(|departure| departure.line.waypoints.last()).unwrap_or(&self.start)
+    }
+
     /// Whether the arm takes part in an action at the step's end.
     pub fn acts(&self) -> bool {
         matches!(self.goal, ArmGoal::Contact { .. })
