@@ -2,7 +2,7 @@
 
 use rand::Rng as _;
 
-use crate::collision::{CollisionWorld, Exemption, JointMotion, PathMotion, StraightMotion};
+use crate::collision::{CollisionWorld, Exemption, StraightMotion};
 use crate::kinematics::Config;
 use crate::problem::Problem;
 use crate::run::{Control, Rng, Seed};
@@ -222,7 +222,6 @@ impl<'a> StepPlanner<'a> {
                 break;
             }
             known.forget(&fresh);
-            tracing::trace!(?fresh, "legs");
             match schedule(self.world, task, &legs, &mut known, control) {
                 Ok(motion) => return Ok(motion),
                 Err(None) => return Err(failure.unwrap_or(StepFailure::Stopped)),
@@ -235,9 +234,7 @@ impl<'a> StepPlanner<'a> {
                     let dispute = disputes.entry((conflict.first, conflict.second)).or_default();
                     *dispute += 1;
                     let dispute = *dispute;
-                    let orders = [(first, second), (second, first)]
-                        .map(|(a, b)| both_act && self.may_go_first(task, a, b));
-                    tracing::trace!(?first, ?second, both_act, dispute, ?orders, "two arms meet");
+                    tracing::trace!(?first, ?second, both_act, dispute, "two arms meet");
                     if self.is_hasty && both_act && dispute > MOST_DISPUTES && !thorough {
                         break;
                     }
@@ -366,7 +363,6 @@ impl<'a> StepPlanner<'a> {
                 });
             }
             if found.is_none() && !avoid.is_empty() {
-                tracing::trace!(index, "no way around");
                 found = ask(roadmap, &[], &mut self.rng);
             }
             found?
@@ -398,32 +394,6 @@ impl<'a> StepPlanner<'a> {
             (_, true) => self.destination(task, round, other, from),
         };
         Some(Avoid { arm: ArmId(other), q, held: arm.held })
-    }
-
-    /// Whether one acting arm can come to rest at its contact before another has left its own, and the other leave
-    /// after that, as far as the straight lines at both ends tell.
-    fn may_go_first(&self, task: &StepTask, first: ArmId, second: ArmId) -> bool {
-        let (one, other) = (&task.arms[first.0], &task.arms[second.0]);
-        let ArmGoal::Contact { q, approach, exemption, .. } = &one.goal else { return true };
-        let none = Exemption::default();
-        let (arrived, waiting) = (StraightMotion::rest(q), StraightMotion::rest(&other.start));
-        let leaving = other.departure.as_ref();
-        let waits = (second, other.held.as_ref(), leaving.map_or(none, |departure| departure.exemption));
-        let stands = (first, one.held.as_ref(), *exemption);
-        let apart = |a: &dyn JointMotion, b: &dyn JointMotion, span| {
-            self.world.motions_apart((stands.0, a, stands.1, stands.2), (waits.0, b, waits.1, waits.2), span)
-        };
-        let comes = match approach {
-            Some(line) => {
-                let path = PathMotion::new(&line.waypoints);
-                apart(&path, &waiting, path.span())
-            }
-            None => apart(&arrived, &waiting, (0.0, 1.0)),
-        };
-        comes && leaving.is_none_or(|departure| {
-            let path = PathMotion::new(&departure.line.waypoints);
-            apart(&arrived, &path, path.span())
-        })
     }
 
     /// Changes the round's terms so that two arms that met may pass each other.

@@ -30,6 +30,9 @@ use super::tree::{ArmState, Step, Vertex, Whereabouts};
 const THOROUGH_SHARE: u32 = 10;
 const THOROUGH_LEAST: Duration = Duration::from_secs(2);
 
+/// Objects up to which a first plan is not worth more than a brief effort of the guidance.
+const FEW_OBJECTS: usize = 8;
+
 /// Failures that count against a tau from which a step was done in part only.
 const DONE_IN_PART: u32 = 2;
 
@@ -176,6 +179,7 @@ impl<'a> Search<'a> {
     fn set_hasty(&mut self, is_hasty: bool) {
         self.planner.set_hasty(is_hasty);
         self.grounder.is_hasty = is_hasty;
+        self.set_effort();
     }
 
     /// Tells the search the cost of the best accepted plan, found here or by another thread.
@@ -198,9 +202,21 @@ impl<'a> Search<'a> {
         let struggles = self.struggles();
         if struggles != self.grounder.stays_put {
             self.grounder.stays_put = struggles;
-            let effort = if struggles { Effort::hasty() } else { Effort::quick() };
-            self.guidance = Box::new(Smart { effort, seed: self.seed });
+            self.set_effort();
         }
+    }
+
+    /// How hard the guidance tries, where it is for all objects at once.
+    fn set_effort(&mut self) {
+        if !matches!(self.problem.options.guidance, GuidanceKind::Smart) {
+            return;
+        }
+        let effort = match (self.grounder.stays_put, self.grounder.is_hasty) {
+            (true, _) => Effort::hasty(),
+            (_, true) if self.problem.objects.len() <= FEW_OBJECTS => Effort::brief(),
+            _ => Effort::quick(),
+        };
+        self.guidance = Box::new(Smart { effort, seed: self.seed });
     }
 
     /// Tells the search that the candidate which it reported last was accepted, at this cost.

@@ -48,7 +48,8 @@ fn member(name: &str, value: &Value, contents: &BTreeMap<String, String>) -> Opt
     let mut replaced = None;
     for (pointer, digest) in contents {
         let Some(("", rest)) = pointer.split_once('/') else { continue };
-        let Some(within) = rest.strip_prefix(name).filter(|rest| rest.is_empty() || rest.starts_with('/')) else {
+        let Some(within) = rest.strip_prefix(name).filter(|rest| rest.is_empty() || rest.starts_with('/'))
+        else {
             continue;
         };
         if let Some(place) = replaced.get_or_insert_with(|| value.clone()).pointer_mut(within) {
