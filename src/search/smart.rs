@@ -179,6 +179,7 @@ impl<'a> Search<'a> {
     fn set_hasty(&mut self, is_hasty: bool) {
         self.planner.set_hasty(is_hasty);
         self.grounder.is_hasty = is_hasty;
+        self.grounder.contacts.prefer_facing(is_hasty);
         self.set_effort();
     }
 

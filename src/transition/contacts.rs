@@ -312,6 +312,12 @@ impl<'a> Contacts<'a> {
         self.handoffs.sample(query, tries, most, rng)
     }
 
+    /// Whether [`Self::handoffs`] are mostly such in which the hands face each other, as far as they can, so that the
+    /// arms are little in each other's way; or all that fit `query` are as likely.
+    pub fn prefer_facing(&mut self, faces: bool) {
+        self.handoffs.prefer_facing(faces);
+    }
+
     /// [`Self::handoffs`] that depend on the question and `rng` alone, not on what was asked before.
     pub fn first_handoffs(
         &self,

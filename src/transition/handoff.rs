@@ -27,6 +27,9 @@ use super::memory::{Class, ReachMemory};
 /// Random pairs of holds that are looked at before all pairs are.
 const DRAWS_OF_HOLDS: usize = 40;
 
+/// Pairs of holds that a draw takes the best of where hands are to face each other.
+const PAIRS_COMPARED: usize = 8;
+
 /// Candidates to choose from for each handoff that is wanted, where one may be nearer than another, and in all at least.
 const HANDFUL: usize = 6;
 const LEAST_HANDFUL: usize = 10;
@@ -84,6 +87,8 @@ pub(super) struct Handoffs<'a> {
     seen: BTreeMap<(usize, usize, Grains, Grains), usize>,
     /// What the mode graph was told: by giver, receiver and class.
     witnessed: BTreeMap<(ArmId, ArmId, Class), Vec<HandoffWitness>>,
+    /// Whether of some pairs of holds that is drawn in which the hands face each other most.
+    faces: bool,
 }
 
 impl<'a> Handoffs<'a> {
@@ -99,7 +104,14 @@ impl<'a> Handoffs<'a> {
         };
         let classes = problem.objects.iter().map(class).collect();
         let kinds = (0..count).map(|arm| (first(arm), Ball::of(&problem.workcell.arms[arm]))).collect();
-        Self { problem, world, memory, kinds, classes, seen: BTreeMap::new(), witnessed: BTreeMap::new() }
+        let (seen, witnessed) = (BTreeMap::new(), BTreeMap::new());
+        Self { problem, world, memory, kinds, classes, seen, witnessed, faces: false }
+    }
+
+    /// Prefers holds in which the hands face each other, or all alike: where they face each other the arms are less in
+    /// each other's way, but other holds come up rarely.
+    pub(super) fn prefer_facing(&mut self, faces: bool) {
+        self.faces = faces;
     }
 
     pub(super) fn memory(&self) -> &Arc<ReachMemory> {
@@ -122,7 +134,7 @@ impl<'a> Handoffs<'a> {
         rng: &mut Rng,
     ) -> Vec<HandoffContact> {
         let seen = std::mem::take(&mut self.seen);
-        let mut sampler = Sampler::new(self, query, seen);
+        let mut sampler = Sampler { faces: self.faces, ..Sampler::new(self, query, seen) };
         let found = sampler.sample(tries, most, rng);
         let seen = sampler.into_seen();
         self.seen = seen;
@@ -205,6 +217,8 @@ struct Pair {
     giver_hold: Pose,
     receiver_hold: Pose,
     stance: Stance,
+    /// The cosine of the angle between the directions in which the hands point: -1 where they face each other.
+    alignment: f64,
     sequence: Arc<Sequence>,
     /// Draws of the sequence that were looked at.
     seen: usize,
@@ -230,6 +244,8 @@ struct Sampler<'s, 'q> {
     /// symmetry makes equal do not look at the same ones.
     drawn: BTreeMap<Grains, usize>,
     seen: BTreeMap<(usize, usize, Grains, Grains), usize>,
+    /// See [`Handoffs::prefer_facing`].
+    faces: bool,
 }
 
 impl<'s, 'q> Sampler<'s, 'q> {
@@ -257,6 +273,7 @@ impl<'s, 'q> Sampler<'s, 'q> {
             pairs: std::iter::repeat_with(|| None).take(count).collect(),
             drawn: BTreeMap::new(),
             seen,
+            faces: false,
         }
     }
 
@@ -316,7 +333,8 @@ impl<'s, 'q> Sampler<'s, 'q> {
             return None;
         }
         let seen = self.seen.get(&seen_key(query, &giver_hold, &receiver_hold)).copied().unwrap_or(0);
-        Some(Box::new(Pair { giver_hold, receiver_hold, stance, sequence, seen, like: None }))
+        let alignment = (hands.pose().rotation * Vec3::z()).z;
+        Some(Box::new(Pair { giver_hold, receiver_hold, stance, alignment, sequence, seen, like: None }))
     }
 
     /// Two holds in which the hands do not touch each other; `None` when there are none.
@@ -325,11 +343,25 @@ impl<'s, 'q> Sampler<'s, 'q> {
         if count == 0 {
             return None;
         }
+        let compared = if self.faces { PAIRS_COMPARED } else { 1 };
+        let mut best: Option<(f64, usize)> = None;
+        let mut fitting = 0;
         for _ in 0..DRAWS_OF_HOLDS {
-            let pair = rng.random_range(0..count);
-            if self.fits(pair) {
-                return Some(pair);
+            let number = rng.random_range(0..count);
+            if !self.fits(number) {
+                continue;
             }
+            let alignment = self.pairs[number].iter().flatten().next().map_or(1.0, |pair| pair.alignment);
+            if best.is_none_or(|(least, _)| alignment < least) {
+                best = Some((alignment, number));
+            }
+            fitting += 1;
+            if fitting == compared {
+                break;
+            }
+        }
+        if let Some((_, number)) = best {
+            return Some(number);
         }
         let fitting: Vec<usize> = (0..count).filter(|&pair| self.fits(pair)).collect();
         fitting.choose(rng).copied()
