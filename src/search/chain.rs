@@ -83,7 +83,7 @@ impl End {
     /// Whether there is a contact in `hold` that is clear of the others; else it is none of the holds any more.
     fn confirm(&mut self, contacts: &mut Contacts<'_>, hold: &Pose) -> bool {
         let Some((asked, scene)) = &self.rest else { return true };
-        let is_clear = contacts.is_clear_of(asked, hold, scene);
+        let is_clear = contacts.confirm(asked, hold, scene);
         if !is_clear {
             self.holds.retain(|(_, other)| other != hold);
         }

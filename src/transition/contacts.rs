@@ -1,7 +1,7 @@
 //! The memory of contacts: what was asked once is not sampled again, and no more is sampled than
 //! was asked.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
 use crate::collision::{CollisionWorld, Exemption, Held, PathMotion, Scene};
@@ -49,9 +49,11 @@ pub struct Contacts<'a> {
     roomy: BTreeMap<(usize, usize, usize, Bits), Holds>,
     /// By arm, class and grasp, how often an estimate found a way by it: a guess where to look first.
     promising: BTreeMap<(usize, usize, usize), u32>,
-    /// Whether a contact is clear of others: by arm, surface, kind and class, configuration, pose, hold, and the others
-    /// with their poses.
+    /// Whether a contact is clear of others: by arm, surface, kind and class, pose, hold, the others with their poses, and
+    /// configuration.
     clear: BTreeMap<Box<[u64]>, bool>,
+    /// Holds in which no contact is clear of others.
+    refused: BTreeSet<Box<[u64]>>,
     hands: Hands,
     handoffs: Handoffs<'a>,
 }
@@ -95,6 +97,7 @@ impl<'a> Contacts<'a> {
             roomy: BTreeMap::new(),
             promising: BTreeMap::new(),
             clear: BTreeMap::new(),
+            refused: BTreeSet::new(),
             hands: Hands::new(problem),
             handoffs: Handoffs::new(problem, world, memory),
         }
@@ -230,23 +233,14 @@ impl<'a> Contacts<'a> {
     /// Whether a contact and its lines are clear of the other objects at rest in `scene` (the
     /// object itself may be among them). Remembered.
     pub fn is_clear(&mut self, query: &ContactQuery, contact: &Contact, scene: &Scene) -> bool {
-        let near =
-            |pose: &Pose| (pose.translation.vector - query.pose.translation.vector).norm() < NEIGHBOURHOOD;
-        let others: Vec<(ObjectId, Pose)> =
-            scene.resting.iter().filter(|(id, pose)| *id != query.object && near(pose)).copied().collect();
+        let others = near_by(query, scene);
         if others.is_empty() {
             return true;
         }
-        let (arm, surface) = (query.arm.0 as u64, query.surface.0 as u64);
-        let is_place = u64::from(query.kind == ContactKind::Place);
-        let class = self.problem.objects[query.object.0].class as u64;
-        let around = others.iter().flat_map(|(id, pose)| std::iter::once(id.0 as u64).chain(bits(pose)));
-        let asked: Box<[u64]> = [arm, surface, is_place, class]
+        let asked: Box<[u64]> = self
+            .beside(query, &contact.object_in_tcp, &others)
             .into_iter()
             .chain(contact.q.iter().map(|angle| angle.to_bits()))
-            .chain(bits(&query.pose))
-            .chain(bits(&contact.object_in_tcp))
-            .chain(around)
             .collect();
         if let Some(&known) = self.clear.get(&asked) {
             return known;
@@ -257,6 +251,16 @@ impl<'a> Contacts<'a> {
         }
         self.clear.insert(asked, is_clear);
         is_clear
+    }
+
+    /// What is asked of an arm, in a hold, beside others: as a key.
+    fn beside(&self, query: &ContactQuery, hold: &Pose, others: &[(ObjectId, Pose)]) -> Box<[u64]> {
+        let (arm, surface) = (query.arm.0 as u64, query.surface.0 as u64);
+        let is_place = u64::from(query.kind == ContactKind::Place);
+        let class = self.problem.objects[query.object.0].class as u64;
+        let around = others.iter().flat_map(|(id, pose)| std::iter::once(id.0 as u64).chain(bits(pose)));
+        let asked = [arm, surface, is_place, class, others.len() as u64].into_iter();
+        asked.chain(bits(&query.pose)).chain(bits(hold)).chain(around).collect()
     }
 
     /// [`Self::is_clear`] of `others`, asked for the first time.
@@ -276,16 +280,26 @@ impl<'a> Contacts<'a> {
         along(holding, Some(&held)) && along(without, None)
     }
 
-    /// The holds in which some contact of [`Self::at`] may be clear of the objects in `scene`: those in which there is
-    /// one, and those in which contacts were not looked for yet.
+    /// [`Self::possible_holds`] without those that [`Self::confirm`] refused beside the same objects.
     pub fn open_holds(&mut self, query: &ContactQuery, scene: &Scene) -> Vec<(usize, Pose)> {
         let mut holds = self.possible_holds(query);
-        holds.retain(|(_, hold)| {
-            let (asked, _) = self.canonical(query);
-            let is_known = self.known.contains_key(&self.key(&asked, hold));
-            !is_known || self.is_clear_of(query, hold, scene)
-        });
+        let others = near_by(query, scene);
+        holds.retain(|(_, hold)| !self.refused.contains(&self.beside(query, hold, &others)));
         holds
+    }
+
+    /// [`Self::is_clear_of`]; a refusal is remembered. What is open depends on what was refused here alone, and not on
+    /// contacts that were asked for elsewhere: those are fewer where the workcell is known.
+    pub fn confirm(&mut self, query: &ContactQuery, object_in_tcp: &Pose, scene: &Scene) -> bool {
+        let is_clear = self.is_clear_of(query, object_in_tcp, scene);
+        if !is_clear {
+            if self.refused.len() >= MOST_LOOKED_AT {
+                self.refused.clear();
+            }
+            let refused = self.beside(query, object_in_tcp, &near_by(query, scene));
+            self.refused.insert(refused);
+        }
+        is_clear
     }
 
     /// Whether some contact of [`Self::at`] is clear of the objects in `scene`.
@@ -411,6 +425,13 @@ impl<'a> Contacts<'a> {
         let key = (self.hands.kind(query.arm), class, bits(&query.pose), bits(hold));
         *self.room.entry(key).or_insert_with(|| grounding.hand_has_room())
     }
+}
+
+/// The other objects of `scene` that may be in the way where one is picked or placed.
+fn near_by(query: &ContactQuery, scene: &Scene) -> Vec<(ObjectId, Pose)> {
+    let is_near =
+        |pose: &Pose| (pose.translation.vector - query.pose.translation.vector).norm() < NEIGHBOURHOOD;
+    scene.resting.iter().filter(|(id, pose)| *id != query.object && is_near(pose)).copied().collect()
 }
 
 /// A stream that depends on what is asked alone, not on how the problem numbers its classes.

@@ -30,9 +30,8 @@ const DRAWS_OF_HOLDS: usize = 40;
 /// Pairs of holds that a draw takes the best of where hands are to face each other.
 const PAIRS_COMPARED: usize = 8;
 
-/// Candidates to choose from for each handoff that is wanted, where one may be nearer than another, and in all at least.
+/// Candidates to choose from for each handoff that is wanted, where one may be nearer than another.
 const HANDFUL: usize = 6;
-const LEAST_HANDFUL: usize = 10;
 
 /// Which handoff is asked for.
 #[derive(Debug, Clone)]
@@ -279,7 +278,7 @@ impl<'s, 'q> Sampler<'s, 'q> {
 
     fn sample(&mut self, tries: usize, most: usize, rng: &mut Rng) -> Vec<HandoffContact> {
         let all_are_equal = self.query.giver_near.is_empty() && self.query.receiver_near.is_empty();
-        let handful_size = if all_are_equal { 1 } else { (HANDFUL * most).max(LEAST_HANDFUL) };
+        let handful_size = if all_are_equal { 1 } else { HANDFUL * most };
         let mut found: Vec<HandoffContact> = Vec::new();
         let mut left = tries;
         while left > 0 && found.len() < most {
