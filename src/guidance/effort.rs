@@ -48,7 +48,8 @@ impl Effort {
         }
     }
 
-    /// For a first plan with few objects: more than this hardly ever makes it shorter, and takes as long as all the rest.
+    /// For a first plan with few objects: more work hardly ever makes it shorter, and may take longer than its motions. The
+    /// number of steps is proved less often.
     pub fn brief() -> Self {
         Self { first_rounds: 30, repair_rounds: 50, refutations: 40, states: 400, ..Self::quick() }
     }

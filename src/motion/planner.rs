@@ -436,7 +436,7 @@ impl<'a> StepPlanner<'a> {
         set(round, first, second, false);
     }
 
-    /// A configuration out of the way of all acting arms: home where that is, else a roadmap
+    /// A configuration out of the way of all acting arms, where possible all along their `legs`: home where that is, else a roadmap
     /// vertex.
     fn refuge(&mut self, task: &StepTask, legs: &[Legs], index: usize) -> Config {
         let home = self.problem.workcell.arms[index].home.clone();

@@ -135,9 +135,6 @@ impl ChainPlanner<'_, '_> {
                 End { holds: vec![(usize::MAX, *object_in_tcp)], rest: None }
             }
         };
-        if start.holds.is_empty() {
-            return Err(Misfit::Pick);
-        }
         let mut why = Misfit::Place;
         let mut tried = 0;
         for (pose, surface) in self.in_order(request) {
@@ -292,6 +289,9 @@ impl ChainPlanner<'_, '_> {
     ) -> Option<Chain> {
         let (&first, &last) = (request.arms.first()?, request.arms.last()?);
         let (node, wanted) = (request.node, request.wanted);
+        if start.holds.is_empty() || end.holds.is_empty() {
+            return None;
+        }
         if request.arms.len() == 1 {
             let mut fitting: Vec<Hold> = start.holds.clone();
             fitting.retain(|(_, hold)| {

@@ -70,8 +70,10 @@ impl HandoffPool {
                 fresh = contacts.witnessed_handoffs(query);
             }
             if fresh.is_empty() && fitting.is_empty() {
-                // Before something is blamed for it.
+                // Before something is blamed for it, and in whatever holds.
+                let faces = contacts.prefer_facing(false);
                 fresh = contacts.handoffs(query, INSISTENCE * tries, 1, rng);
+                contacts.prefer_facing(faces);
             }
             if fresh.is_empty() && fitting.is_empty() {
                 *self.failed.entry((key, giving, taking)).or_default() += 1;

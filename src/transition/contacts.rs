@@ -52,7 +52,8 @@ pub struct Contacts<'a> {
     /// Whether a contact is clear of others: by arm, surface, kind and class, pose, hold, the others with their poses, and
     /// configuration.
     clear: BTreeMap<Box<[u64]>, bool>,
-    /// Holds in which no contact is clear of others.
+    /// Holds in which no contact is clear of others: by arm, surface, kind and class, pose, hold, and the others with their
+    /// poses.
     refused: BTreeSet<Box<[u64]>>,
     hands: Hands,
     handoffs: Handoffs<'a>,
@@ -140,6 +141,8 @@ impl<'a> Contacts<'a> {
         if fresh.is_empty() {
             return false;
         }
+        // What was refused may do now, for the contact backwards in time, too.
+        self.refused.clear();
         let entry = self.known.entry(self.key(&asked, object_in_tcp)).or_default();
         entry.push(fresh);
         // The oldest go first, so that a long run keeps sampling densely in bounded memory.
@@ -328,8 +331,9 @@ impl<'a> Contacts<'a> {
 
     /// Whether [`Self::handoffs`] are mostly such in which the hands face each other, as far as they can, so that the
     /// arms are little in each other's way; or all that fit `query` are as likely.
-    pub fn prefer_facing(&mut self, faces: bool) {
-        self.handoffs.prefer_facing(faces);
+    /// Returns how it was before.
+    pub fn prefer_facing(&mut self, faces: bool) -> bool {
+        self.handoffs.prefer_facing(faces)
     }
 
     /// [`Self::handoffs`] that depend on the question and `rng` alone, not on what was asked before.

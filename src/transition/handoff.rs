@@ -86,7 +86,7 @@ pub(super) struct Handoffs<'a> {
     seen: BTreeMap<(usize, usize, Grains, Grains), usize>,
     /// What the mode graph was told: by giver, receiver and class.
     witnessed: BTreeMap<(ArmId, ArmId, Class), Vec<HandoffWitness>>,
-    /// Whether of some pairs of holds that is drawn in which the hands face each other most.
+    /// Whether each draw compares some pairs of holds, and takes the one in which the hands face each other most.
     faces: bool,
 }
 
@@ -109,8 +109,8 @@ impl<'a> Handoffs<'a> {
 
     /// Prefers holds in which the hands face each other, or all alike: where they face each other the arms are less in
     /// each other's way, but other holds come up rarely.
-    pub(super) fn prefer_facing(&mut self, faces: bool) {
-        self.faces = faces;
+    pub(super) fn prefer_facing(&mut self, faces: bool) -> bool {
+        std::mem::replace(&mut self.faces, faces)
     }
 
     pub(super) fn memory(&self) -> &Arc<ReachMemory> {
@@ -216,7 +216,8 @@ struct Pair {
     giver_hold: Pose,
     receiver_hold: Pose,
     stance: Stance,
-    /// The cosine of the angle between the directions in which the hands point: -1 where they face each other.
+    /// A thousand times the cosine of the angle between the directions in which the hands point: -1000 where they face
+    /// each other.
     alignment: f64,
     sequence: Arc<Sequence>,
     /// Draws of the sequence that were looked at.
@@ -332,7 +333,8 @@ impl<'s, 'q> Sampler<'s, 'q> {
             return None;
         }
         let seen = self.seen.get(&seen_key(query, &giver_hold, &receiver_hold)).copied().unwrap_or(0);
-        let alignment = (hands.pose().rotation * Vec3::z()).z;
+        // Rounded, so that pairs that face each other alike are as likely.
+        let alignment = ((hands.pose().rotation * Vec3::z()).z * 1e3).round();
         Some(Box::new(Pair { giver_hold, receiver_hold, stance, alignment, sequence, seen, like: None }))
     }
 
@@ -350,7 +352,8 @@ impl<'s, 'q> Sampler<'s, 'q> {
             if !self.fits(number) {
                 continue;
             }
-            let alignment = self.pairs[number].iter().flatten().next().map_or(1.0, |pair| pair.alignment);
+            let alignment =
+                self.pairs[number].iter().flatten().next().map_or(f64::INFINITY, |pair| pair.alignment);
             if best.is_none_or(|(least, _)| alignment < least) {
                 best = Some((alignment, number));
             }
