@@ -99,6 +99,40 @@ fn contacts_do_not_depend_on_the_order_of_questions() {
     assert!(found > 50, "{found}");
 }
 
+/// What is open depends on what was confirmed or refused before, and on no other question.
+#[test]
+fn holds_are_open_until_they_are_refused() {
+    let problem = problem(4);
+    let world = CollisionWorld::new(&problem);
+    let fresh = || Contacts::new(&problem, &world, Seed(1).stream("contacts"));
+    let (mut contacts, mut asked_before) = (fresh(), fresh());
+    let resting = problem.initial.iter().enumerate().filter_map(|(index, initial)| match initial {
+        InitialPlacement::Resting { pose, .. } => Some((ObjectId(index), *pose)),
+        InitialPlacement::Held { .. } => None,
+    });
+    let scene = Scene { resting: resting.collect() };
+    let (mut refused, mut confirmed) = (0, 0);
+    for query in queries(&problem) {
+        let possible = contacts.possible_holds(&query);
+        asked_before.any(&query);
+        assert_eq!(contacts.open_holds(&query, &scene), possible);
+        assert_eq!(asked_before.open_holds(&query, &scene), possible);
+        let mut clear = possible.clone();
+        clear.retain(|(_, hold)| contacts.confirm(&query, hold, &scene));
+        assert!(clear.iter().all(|(_, hold)| asked_before.is_clear_of(&query, hold, &scene)));
+        assert_eq!(contacts.open_holds(&query, &scene), clear);
+        refused += possible.len() - clear.len();
+        confirmed += clear.len();
+        // More contacts may be clear where those before were not.
+        if let Some((_, hold)) = clear.first()
+            && contacts.more(&query, hold)
+        {
+            assert_eq!(contacts.open_holds(&query, &scene), possible);
+        }
+    }
+    assert!(refused > 20 && confirmed > 20, "{refused} {confirmed}");
+}
+
 /// The lines of a place come in along the normal and go out along the tool; of a pick it is the
 /// other way round.
 #[test]
