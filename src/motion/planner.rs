@@ -6,6 +6,7 @@ use crate::collision::{CollisionWorld, Exemption, StraightMotion};
 use crate::kinematics::Config;
 use crate::problem::Problem;
 use crate::run::{Control, Rng, Seed};
+use crate::trajectory::CurveTable;
 use crate::workcell::{ArmId, Workcell};
 
 use super::arm_path::{Avoid, Surroundings, find_path, shortcut};
@@ -16,7 +17,6 @@ use super::roadmap::Roadmap;
 use super::schedule::{Conflict, PairTimes, schedule};
 use super::task::{ArmGoal, StepTask};
 use super::timed::{CurveMotion, Instants, StepMotion};
-use crate::trajectory::CurveTable;
 
 /// Vertices that a fresh roadmap gets.
 const FIRST_VERTICES: usize = 300;
@@ -436,8 +436,8 @@ impl<'a> StepPlanner<'a> {
         set(round, first, second, false);
     }
 
-    /// A configuration out of the way of all acting arms, where possible all along their `legs`: home where that is, else a roadmap
-    /// vertex.
+    /// A configuration out of the way of all acting arms at both ends of their ways, and all along their `legs` where one
+    /// is found: home, or a roadmap vertex.
     fn refuge(&mut self, task: &StepTask, legs: &[Legs], index: usize) -> Config {
         let home = self.problem.workcell.arms[index].home.clone();
         let mut candidates = vec![home.clone()];
