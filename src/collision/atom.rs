@@ -2,6 +2,7 @@
 
 use crate::geometry::{ExactShape, PlacedShape, Pose, Shape, Vec3};
 
+use super::cylinder_box::cylinder_box;
 use super::segment_distance::{segment_box, segment_segment_squared};
 
 /// Boxes that overlap by less than this (m) along every axis are looked at exactly.
@@ -42,6 +43,8 @@ pub struct Atom {
     pub(super) exact: ExactShape,
     /// Whether the core is a capsule whose axis lies in the shape.
     has_axis: bool,
+    /// Whether the shape is a cylinder, along z in the box beside it and as long and as wide.
+    is_cylinder: bool,
     /// Centre of a ball that holds core and shape, in the body's frame (m).
     pub(super) centre: Vec3,
     /// Its radius (m).
@@ -99,11 +102,12 @@ impl Atom {
         };
         let has_axis =
             matches!(&placed.shape, Shape::Sphere { .. } | Shape::Capsule { .. } | Shape::Cylinder { .. });
+        let is_cylinder = matches!(&placed.shape, Shape::Cylinder { .. });
         let (centre, radius) = match &core {
             Core::Capsule { a, b, radius } => ((a + b) / 2.0, (b - a).norm() / 2.0 + radius),
             Core::Box { pose, half } => (pose.translation.vector, half.norm()),
         };
-        Self { core, core_is_exact, beside, exact, has_axis, centre, radius }
+        Self { core, core_is_exact, beside, exact, has_axis, is_cylinder, centre, radius }
     }
 
     /// The greatest distance (m) of the enclosing core from the body's origin.
@@ -154,6 +158,16 @@ impl Atom {
         let squared = between.norm_squared();
         if squared >= reach * reach {
             return squared.sqrt() - self.radius - other.radius;
+        }
+        let told = match (self.cylinder(at), other.cylinder(other_at), &self.core, &other.core) {
+            (Some(cylinder), _, _, Core::Box { half, .. }) => {
+                cylinder_box(cylinder, (&other_at.frame, half), need)
+            }
+            (_, Some(cylinder), Core::Box { half, .. }, _) => cylinder_box(cylinder, (&at.frame, half), need),
+            _ => None,
+        };
+        if let Some(distance) = told {
+            return distance;
         }
         let bound = match (&self.core, &other.core) {
             (Core::Capsule { radius, .. }, Core::Capsule { radius: other_radius, .. }) => {
@@ -213,6 +227,12 @@ impl Atom {
             }
             _ => return None,
         })
+    }
+
+    /// The cylinder that the shape is: its frame, its radius and half its length (m).
+    fn cylinder<'p>(&self, at: &'p PlacedAtom) -> Option<(&'p Pose, f64, f64)> {
+        let (_, half) = self.beside.as_ref().filter(|_| self.is_cylinder)?;
+        Some((&at.frame, half.x, half.z))
     }
 
     /// Half extents (m) of the box that is the core, or beside it.
@@ -371,6 +391,49 @@ mod tests {
                 );
             }
         }
+    }
+
+    #[test]
+    fn cylinders_beside_boxes_are_as_far_as_parry_says() {
+        let mut rng = crate::run::Seed(5).stream("cylinders");
+        let (mut apart, mut overlapping, mut touching) = (0, 0, 0);
+        for case in 0..100_000 {
+            let mut r = |low: f64, high: f64| rng.random_range(low..high);
+            let cylinder = Shape::Cylinder { radius: r(0.01, 0.2), half_length: r(0.01, 0.4) };
+            let table = Shape::Box { half_extents: Vec3::new(r(0.05, 0.6), r(0.05, 0.6), r(0.01, 0.3)) };
+            let upright = r(0.0, 1.0) < 0.3;
+            let need = r(0.0, 0.05);
+            let mut pose = random_pose(&mut rng);
+            if upright {
+                pose.rotation = nalgebra::UnitQuaternion::from_euler_angles(
+                    std::f64::consts::FRAC_PI_2 * f64::from(rng.random_range(0..4)),
+                    0.0,
+                    rng.random_range(-3.0..3.0),
+                );
+            }
+            let placed = |shape| PlacedShape { shape, pose: Pose::identity() };
+            let (a, b) = (placed(cylinder), placed(table));
+            let (atom_a, atom_b) = (Atom::new(&a), Atom::new(&b));
+            let origin = if upright { Pose::identity() } else { random_pose(&mut rng) };
+            let (at, other_at) = (atom_a.placed(&pose), atom_b.placed(&origin));
+            let found = atom_a.separation(&at, &atom_b, &other_at, need);
+            assert_eq!(found, atom_b.separation(&other_at, &atom_a, &at, need), "case {case}");
+            let truth = ExactShape::new(&a).signed_distance(&pose, &ExactShape::new(&b), &origin, 10.0);
+            if truth > 1e-6 {
+                assert!(found <= truth + 1e-5, "case {case}: {found} exceeds {truth}");
+                assert!(found >= need || (found - truth).abs() < 1e-5, "case {case}: {found} is not {truth}");
+                apart += 1;
+            } else if truth < -1e-6 {
+                assert!(found <= 0.0, "case {case}: overlap missed, {found} against {truth}");
+                overlapping += 1;
+            } else {
+                touching += 1;
+            }
+        }
+        assert!(
+            apart > 20_000 && overlapping > 20_000 && touching < 1000,
+            "{apart} {overlapping} {touching}"
+        );
     }
 
     #[test]

@@ -16,6 +16,7 @@
 mod arm_bodies;
 mod atom;
 mod certify;
+mod cylinder_box;
 mod hand;
 mod inverse;
 mod lanes;

@@ -103,11 +103,12 @@ fn through_roadmap(
     let mut starts = roadmap.nearest(from, CONNECTIONS);
     let mut goals = roadmap.nearest(to, CONNECTIONS);
     let mut free_ends: BTreeSet<(usize, usize)> = BTreeSet::new();
+    let mut routes = Routes::new(count);
     for _ in 0..GREATEST_REPAIRS {
         if control.should_stop() {
             return None;
         }
-        let route = shortest(roadmap, from, to, (source, target), (&starts, &goals), &known.blocked)?;
+        let route = routes.shortest(roadmap, (from, to), (&starts, &goals), &known.blocked)?;
         let config = |v: usize| {
             if v == source {
                 from.clone()
@@ -177,63 +178,95 @@ impl Ord for Open {
     }
 }
 
-/// A* from `source` to `target`: vertices with the edge that led to each.
-fn shortest(
-    roadmap: &Roadmap,
-    from: &Config,
-    to: &Config,
-    (source, target): (usize, usize),
-    (starts, goals): (&[usize], &[usize]),
-    blocked: &BTreeSet<usize>,
-) -> Option<Vec<(usize, Option<usize>)>> {
-    let vertices = roadmap.vertices();
-    let mut cost = vec![f64::INFINITY; vertices.len() + 2];
-    let mut parent: Vec<Option<(usize, Option<usize>)>> = vec![None; vertices.len() + 2];
-    let mut closed = vec![false; vertices.len() + 2];
-    let mut open = BinaryHeap::new();
-    cost[source] = 0.0;
-    open.push(Open { estimate: roadmap.distance(from, to), vertex: source });
-    while let Some(Open { vertex, .. }) = open.pop() {
-        if std::mem::replace(&mut closed[vertex], true) {
-            continue;
-        }
-        if vertex == target {
-            let mut route = vec![];
-            let mut at = target;
-            while at != source {
-                let (before, edge) = parent[at]?;
-                route.push((at, edge));
-                at = before;
-            }
-            route.push((source, None));
-            route.reverse();
-            return Some(route);
-        }
-        let mut relax = |next: usize, length: f64, edge: Option<usize>| {
-            let through = cost[vertex] + length;
-            if through < cost[next] {
-                cost[next] = through;
-                parent[next] = Some((vertex, edge));
-                let rest = if next == target { 0.0 } else { roadmap.distance(&vertices[next], to) };
-                open.push(Open { estimate: through + rest, vertex: next });
-            }
-        };
-        if vertex == source {
-            for &start in starts {
-                relax(start, roadmap.distance(from, &vertices[start]), None);
-            }
-            continue;
-        }
-        for (edge, next) in roadmap.neighbours(vertex) {
-            if !roadmap.known_blocked(edge) && !blocked.contains(&edge) {
-                relax(next, roadmap.edge(edge).length, Some(edge));
-            }
-        }
-        if goals.contains(&vertex) {
-            relax(target, roadmap.distance(&vertices[vertex], to), None);
+/// Shortest routes between the same two configurations, one after the other.
+struct Routes {
+    /// By vertex: the cost of the way there, where it comes from (with the edge), and whether it is final. The
+    /// two configurations come after the roadmap's vertices.
+    cost: Vec<f64>,
+    parent: Vec<Option<(usize, Option<usize>)>>,
+    closed: Vec<bool>,
+    /// By vertex, its distance from the end, where it was asked for; the same for all routes.
+    rest: Vec<f64>,
+    open: BinaryHeap<Open>,
+}
+
+impl Routes {
+    /// Over a roadmap with `count` vertices.
+    fn new(count: usize) -> Self {
+        Self {
+            cost: vec![f64::INFINITY; count + 2],
+            parent: vec![None; count + 2],
+            closed: vec![false; count + 2],
+            rest: vec![f64::NAN; count + 2],
+            open: BinaryHeap::new(),
         }
     }
-    None
+
+    /// A* between two configurations that are joined to `starts` and `goals`: vertices with the edge that led to each.
+    fn shortest(
+        &mut self,
+        roadmap: &Roadmap,
+        (from, to): (&Config, &Config),
+        (starts, goals): (&[usize], &[usize]),
+        blocked: &BTreeSet<usize>,
+    ) -> Option<Vec<(usize, Option<usize>)>> {
+        let vertices = roadmap.vertices();
+        let (source, target) = (vertices.len(), vertices.len() + 1);
+        self.cost.fill(f64::INFINITY);
+        self.closed.fill(false);
+        self.open.clear();
+        self.rest[target] = 0.0;
+        self.cost[source] = 0.0;
+        self.open.push(Open { estimate: roadmap.distance(from, to), vertex: source });
+        while let Some(Open { vertex, .. }) = self.open.pop() {
+            if std::mem::replace(&mut self.closed[vertex], true) {
+                continue;
+            }
+            if vertex == target {
+                return self.route(source, target);
+            }
+            let before = self.cost[vertex];
+            let mut relax = |next: usize, length: f64, edge: Option<usize>| {
+                let through = before + length;
+                let is_blocked = |edge: usize| roadmap.known_blocked(edge) || blocked.contains(&edge);
+                if through < self.cost[next] && !edge.is_some_and(is_blocked) {
+                    self.cost[next] = through;
+                    self.parent[next] = Some((vertex, edge));
+                    if self.rest[next].is_nan() {
+                        self.rest[next] = roadmap.distance(&vertices[next], to);
+                    }
+                    self.open.push(Open { estimate: through + self.rest[next], vertex: next });
+                }
+            };
+            if vertex == source {
+                for &start in starts {
+                    relax(start, roadmap.distance(from, &vertices[start]), None);
+                }
+                continue;
+            }
+            for (edge, next) in roadmap.neighbours(vertex) {
+                relax(next, roadmap.edge(edge).length, Some(edge));
+            }
+            if goals.contains(&vertex) {
+                relax(target, roadmap.distance(&vertices[vertex], to), None);
+            }
+        }
+        None
+    }
+
+    /// The way by which the target was reached.
+    fn route(&self, source: usize, target: usize) -> Option<Vec<(usize, Option<usize>)>> {
+        let mut route = vec![];
+        let mut at = target;
+        while at != source {
+            let (before, edge) = self.parent[at]?;
+            route.push((at, edge));
+            at = before;
+        }
+        route.push((source, None));
+        route.reverse();
+        Some(route)
+    }
 }
 
 /// Shortens a free path: whole waypoints first, then random pieces.

@@ -31,8 +31,8 @@ impl Candidate {
     }
 
     /// Joins the motions of the steps; the last may be a motion without actions (the arms leave,
-    /// or go home).
-    pub(super) fn join(steps: &[(&StepMotion, &[(ObjectId, ActionKind)])]) -> Option<Self> {
+    /// or go home). The longest of the arms' paths has `arc_length`.
+    pub(super) fn join(steps: &[(&StepMotion, &[(ObjectId, ActionKind)])], arc_length: f64) -> Option<Self> {
         let arms = steps.first()?.0.arms.len();
         let mut curves: Vec<Curve> = Vec::with_capacity(arms);
         let mut actions = Vec::new();
@@ -60,7 +60,6 @@ impl Candidate {
         // Sums of the same durations in another order may differ in the last bits.
         let duration = curves.first()?.end_time();
         let same = curves.iter().all(|curve| (curve.end_time() - duration).abs() < 1e-9);
-        let arc_length = curves.iter().map(Curve::arc_length).fold(0.0, f64::max);
         same.then_some(Self { curves, actions, duration, arc_length, steps: count })
     }
 

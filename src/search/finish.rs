@@ -40,7 +40,10 @@ impl Search<'_> {
         if parts.is_empty() {
             return Report::Solved(Candidate::standing(&self.problem.initial_joints));
         }
-        let Some(candidate) = Candidate::join(&parts) else { return Report::Nothing };
+        let after = |arm: usize| tail.as_ref().map_or(0.0, |tail| tail.arms[arm].curve.arc_length());
+        let lengths = self.tree[goal].arc.iter().enumerate().map(|(arm, before)| before + after(arm));
+        let arc_length = lengths.fold(0.0, f64::max);
+        let Some(candidate) = Candidate::join(&parts, arc_length) else { return Report::Nothing };
         let cost = candidate.cost(self.problem.options.objective);
         if self.best.is_some_and(|best| cost >= best) {
             return Report::Nothing;

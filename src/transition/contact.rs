@@ -89,11 +89,6 @@ impl<'a> Grounding<'a> {
         }
     }
 
-    /// Whether the hand alone has room; `false` is a proof that there is no contact.
-    pub(super) fn hand_has_room(&self) -> bool {
-        self.world.hand_free(self.query.arm, &self.tcp, Some(&self.held), self.touching)
-    }
-
     /// Of up to `most` configurations at the contact those at which arm and object are free.
     pub(super) fn configurations(&self, most: usize, rng: &mut Rng) -> Vec<Config> {
         let (held, empty) = (Some(&self.held), Scene::default());

@@ -43,9 +43,7 @@ pub struct Contacts<'a> {
     world: &'a CollisionWorld,
     rng: Rng,
     known: BTreeMap<Key, Entry>,
-    /// Whether the hand alone has room: by hand, class, pose and hold.
-    room: BTreeMap<(usize, usize, Bits, Bits), bool>,
-    /// The holds in which it has: by hand, class, surface and pose.
+    /// The holds in which the hand alone has room: by hand, class, surface and pose.
     roomy: BTreeMap<(usize, usize, usize, Bits), Holds>,
     /// By arm, class and grasp, how often an estimate found a way by it: a guess where to look first.
     promising: BTreeMap<(usize, usize, usize), u32>,
@@ -94,7 +92,6 @@ impl<'a> Contacts<'a> {
             world,
             rng,
             known: BTreeMap::new(),
-            room: BTreeMap::new(),
             roomy: BTreeMap::new(),
             promising: BTreeMap::new(),
             clear: BTreeMap::new(),
@@ -163,7 +160,7 @@ impl<'a> Contacts<'a> {
     /// Contacts of a query that is remembered, at most [`Self::most`].
     fn sample(&mut self, canonical: &ContactQuery, hold: &Pose, rng: &mut Rng) -> Vec<Contact> {
         let grounding = Grounding::new(self.problem, self.world, canonical, hold);
-        if !self.has_room(canonical, hold, &grounding) {
+        if !self.has_room(canonical, hold) {
             return Vec::new();
         }
         let most = self.most();
@@ -191,16 +188,10 @@ impl<'a> Contacts<'a> {
         if let Some(known) = self.roomy.get(&key) {
             return known.clone();
         }
-        let opening = problem.workcell.arms[query.arm.0].tool.max_opening;
-        let grasps = problem.objects[query.object.0].grasps.iter().enumerate();
-        let found: Arc<[(usize, Pose)]> = grasps
-            .filter(|(_, grasp)| grasp.fits(opening))
-            .map(|(number, grasp)| (number, grasp.object_in_tcp))
-            .filter(|(_, hold)| {
-                let grounding = Grounding::new(problem, self.world, query, hold);
-                self.has_room(query, hold, &grounding)
-            })
-            .collect();
+        let found: Arc<[(usize, Pose)]> = match self.object_has_room(query) {
+            true => self.grasps(query).filter(|(_, hold)| self.hand_has_room(query, hold)).collect(),
+            false => Arc::default(),
+        };
         self.roomy.insert(key, found.clone());
         found
     }
@@ -414,20 +405,45 @@ impl<'a> Contacts<'a> {
 
     /// What is to be looked at for a query that was never asked.
     fn begin(&mut self, asked: &ContactQuery, hold: &Pose, key: &Key) -> Entry {
-        let grounding = Grounding::new(self.problem, self.world, asked, hold);
-        if !self.has_room(asked, hold, &grounding) {
+        if !self.has_room(asked, hold) {
             return Entry::default();
         }
+        let grounding = Grounding::new(self.problem, self.world, asked, hold);
         let mut rng = stream(key);
         let mut open = grounding.configurations(3 * self.most(), &mut rng);
         open.reverse();
         Entry { open, ..Entry::default() }
     }
 
-    fn has_room(&mut self, query: &ContactQuery, hold: &Pose, grounding: &Grounding<'_>) -> bool {
-        let class = self.problem.objects[query.object.0].class;
-        let key = (self.hands.kind(query.arm), class, bits(&query.pose), bits(hold));
-        *self.room.entry(key).or_insert_with(|| grounding.hand_has_room())
+    /// Whether object and hand have room; `false` is a proof that there is no contact.
+    fn has_room(&mut self, query: &ContactQuery, hold: &Pose) -> bool {
+        if self.with_room(query).iter().any(|(_, roomy)| roomy == hold) {
+            return true;
+        }
+        // Held as no grasp says.
+        !self.grasps(query).any(|(_, grasp)| grasp == *hold)
+            && self.object_has_room(query)
+            && self.hand_has_room(query, hold)
+    }
+
+    /// The object's grasps that fit the arm's gripper: number, and object frame in the TCP frame.
+    fn grasps(&self, query: &ContactQuery) -> impl Iterator<Item = (usize, Pose)> + use<'a> {
+        let problem = self.problem;
+        let opening = problem.workcell.arms[query.arm.0].tool.max_opening;
+        let grasps = problem.objects[query.object.0].grasps.iter().enumerate();
+        grasps
+            .filter(move |(_, grasp)| grasp.fits(opening))
+            .map(|(number, grasp)| (number, grasp.object_in_tcp))
+    }
+
+    /// Whether the object is clear of all obstacles but what it rests on.
+    fn object_has_room(&self, query: &ContactQuery) -> bool {
+        let carrier = self.problem.workcell.surfaces[query.surface.0].carrier;
+        self.world.placement_free(query.object, &query.pose, carrier, &Scene::default())
+    }
+
+    fn hand_has_room(&self, query: &ContactQuery, hold: &Pose) -> bool {
+        self.world.hand_free(query.arm, &(query.pose * hold.inverse()))
     }
 }
 

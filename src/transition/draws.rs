@@ -27,12 +27,12 @@ const MOST_BYTES: usize = 24 << 20;
 /// How two arms and their hands stand to each other.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) struct Stance {
-    /// The giver's kind and the receiver's.
-    pub(super) kinds: (usize, usize),
+    /// The receiver's TCP frame in the giver's; first, since it is what tells most stances apart.
+    pub(super) hands: Grains,
     /// The receiver's base frame in the giver's.
     pub(super) bases: Grains,
-    /// The receiver's TCP frame in the giver's.
-    pub(super) hands: Grains,
+    /// The giver's kind and the receiver's.
+    pub(super) kinds: (usize, usize),
 }
 
 impl Stance {

@@ -6,6 +6,7 @@ use std::sync::Arc;
 use nalgebra::UnitQuaternion;
 use rand::Rng as _;
 use rand::seq::IndexedRandom;
+use smallvec::SmallVec;
 
 use crate::collision::{
     CollisionWorld, Exemption, Held, JointMotion as _, PathMotion, Scene, StraightMotion,
@@ -27,8 +28,8 @@ use super::memory::{Class, ReachMemory};
 /// Random pairs of holds that are looked at before all pairs are.
 const DRAWS_OF_HOLDS: usize = 40;
 
-/// Pairs of holds that a draw takes the best of where hands are to face each other.
-const PAIRS_COMPARED: usize = 8;
+/// Pairs of holds of which a draw takes that in which hands fit and face each other most, where they are to.
+const PAIRS_COMPARED: usize = 10;
 
 /// Candidates to choose from for each handoff that is wanted, where one may be nearer than another.
 const HANDFUL: usize = 6;
@@ -72,6 +73,9 @@ pub struct HandoffContact {
     pub cost: f64,
 }
 
+/// Draws looked at: by the giver's hold and the receiver's, giver and receiver.
+type Seen = BTreeMap<(Grains, Grains, usize, usize), usize>;
+
 /// Samples handoffs, and goes through the sequence of draws of every pair of holds from its beginning on.
 #[derive(Debug, Clone)]
 pub(super) struct Handoffs<'a> {
@@ -82,8 +86,8 @@ pub(super) struct Handoffs<'a> {
     kinds: Vec<(usize, Ball)>,
     /// By object, its class in the memory, and the rotations that map its shape onto itself.
     classes: Arc<[(Class, Vec<UnitQuaternion<f64>>)]>,
-    /// How many draws were looked at: by giver and receiver, and the giver's hold and the receiver's.
-    seen: BTreeMap<(usize, usize, Grains, Grains), usize>,
+    /// How many draws were looked at.
+    seen: Seen,
     /// What the mode graph was told: by giver, receiver and class.
     witnessed: BTreeMap<(ArmId, ArmId, Class), Vec<HandoffWitness>>,
     /// Whether each draw compares some pairs of holds, and takes the one in which the hands face each other most.
@@ -133,7 +137,10 @@ impl<'a> Handoffs<'a> {
         rng: &mut Rng,
     ) -> Vec<HandoffContact> {
         let seen = std::mem::take(&mut self.seen);
-        let mut sampler = Sampler { faces: self.faces, ..Sampler::new(self, query, seen) };
+        let mut sampler = Sampler::new(self, query, seen);
+        if self.faces {
+            sampler = sampler.facing();
+        }
         let found = sampler.sample(tries, most, rng);
         let seen = sampler.into_seen();
         self.seen = seen;
@@ -216,12 +223,9 @@ struct Pair {
     giver_hold: Pose,
     receiver_hold: Pose,
     stance: Stance,
-    /// A thousand times the cosine of the angle between the directions in which the hands point: -1000 where they face
-    /// each other.
-    alignment: f64,
     sequence: Arc<Sequence>,
-    /// Draws of the sequence that were looked at.
-    seen: usize,
+    /// Draws of the sequence that were looked at, where somebody asked.
+    seen: Option<usize>,
     /// The giver's hold up to what the object's symmetry makes equal, where it was asked for.
     like: Option<Grains>,
 }
@@ -243,17 +247,14 @@ struct Sampler<'s, 'q> {
     /// By how the hands stand to each other, the draws that were looked at for any pair of holds: pairs that an object's
     /// symmetry makes equal do not look at the same ones.
     drawn: BTreeMap<Grains, usize>,
-    seen: BTreeMap<(usize, usize, Grains, Grains), usize>,
-    /// See [`Handoffs::prefer_facing`].
-    faces: bool,
+    seen: Seen,
+    /// The directions in which the giver's hand points and the receiver's, by hold, in the object's frame, where hands are
+    /// to face each other: see [`Handoffs::prefer_facing`].
+    pointing: Option<[Vec<Vec3>; 2]>,
 }
 
 impl<'s, 'q> Sampler<'s, 'q> {
-    fn new(
-        handoffs: &'s Handoffs<'_>,
-        query: &'q HandoffQuery<'q>,
-        seen: BTreeMap<(usize, usize, Grains, Grains), usize>,
-    ) -> Self {
+    fn new(handoffs: &'s Handoffs<'_>, query: &'q HandoffQuery<'q>, seen: Seen) -> Self {
         let arms = &handoffs.problem.workcell.arms;
         let (giver, receiver) = (&arms[query.giver.0], &arms[query.receiver.0]);
         let bases = Grains::of(&(giver.base.inverse() * receiver.base));
@@ -273,8 +274,16 @@ impl<'s, 'q> Sampler<'s, 'q> {
             pairs: std::iter::repeat_with(|| None).take(count).collect(),
             drawn: BTreeMap::new(),
             seen,
-            faces: false,
+            pointing: None,
         }
+    }
+
+    /// The same that prefers holds in which the hands face each other.
+    fn facing(self) -> Self {
+        let pointing = [self.query.giver_holds, self.query.receiver_holds].map(|holds| {
+            holds.iter().map(|(_, hold)| hold.rotation.inverse_transform_vector(&Vec3::z())).collect()
+        });
+        Self { pointing: Some(pointing), ..self }
     }
 
     fn sample(&mut self, tries: usize, most: usize, rng: &mut Rng) -> Vec<HandoffContact> {
@@ -305,11 +314,11 @@ impl<'s, 'q> Sampler<'s, 'q> {
     }
 
     /// How far every pair of holds has come.
-    fn into_seen(mut self) -> BTreeMap<(usize, usize, Grains, Grains), usize> {
-        for pair in self.pairs.iter().flatten().flatten().filter(|pair| pair.seen > 0) {
-            let seen =
-                self.seen.entry(seen_key(self.query, &pair.giver_hold, &pair.receiver_hold)).or_default();
-            *seen = pair.seen.max(*seen);
+    fn into_seen(mut self) -> Seen {
+        for pair in self.pairs.iter().flatten().flatten() {
+            if let Some(seen) = pair.seen {
+                self.seen.insert(seen_key(self.query, &pair.giver_hold, &pair.receiver_hold), seen);
+            }
         }
         self.seen
     }
@@ -332,10 +341,7 @@ impl<'s, 'q> Sampler<'s, 'q> {
         if !sequence.fits(|| self.world.hands_apart(query.giver, query.receiver, &hands.pose())) {
             return None;
         }
-        let seen = self.seen.get(&seen_key(query, &giver_hold, &receiver_hold)).copied().unwrap_or(0);
-        // Rounded, so that pairs that face each other alike are as likely.
-        let alignment = ((hands.pose().rotation * Vec3::z()).z * 1e3).round();
-        Some(Box::new(Pair { giver_hold, receiver_hold, stance, alignment, sequence, seen, like: None }))
+        Some(Box::new(Pair { giver_hold, receiver_hold, stance, sequence, seen: None, like: None }))
     }
 
     /// Two holds in which the hands do not touch each other; `None` when there are none.
@@ -344,29 +350,25 @@ impl<'s, 'q> Sampler<'s, 'q> {
         if count == 0 {
             return None;
         }
-        let compared = if self.faces { PAIRS_COMPARED } else { 1 };
-        let mut best: Option<(f64, usize)> = None;
-        let mut fitting = 0;
-        for _ in 0..DRAWS_OF_HOLDS {
-            let number = rng.random_range(0..count);
-            if !self.fits(number) {
-                continue;
+        let compared = if self.pointing.is_some() { PAIRS_COMPARED } else { 1 };
+        for _ in 0..DRAWS_OF_HOLDS / compared {
+            let mut numbers: SmallVec<[usize; PAIRS_COMPARED]> =
+                (0..compared).map(|_| rng.random_range(0..count)).collect();
+            numbers.sort_by_key(|&number| self.alignment(number));
+            if let Some(number) = numbers.into_iter().find(|&number| self.fits(number)) {
+                return Some(number);
             }
-            let alignment =
-                self.pairs[number].iter().flatten().next().map_or(f64::INFINITY, |pair| pair.alignment);
-            if best.is_none_or(|(least, _)| alignment < least) {
-                best = Some((alignment, number));
-            }
-            fitting += 1;
-            if fitting == compared {
-                break;
-            }
-        }
-        if let Some((_, number)) = best {
-            return Some(number);
         }
         let fitting: Vec<usize> = (0..count).filter(|&pair| self.fits(pair)).collect();
         fitting.choose(rng).copied()
+    }
+
+    /// A thousand times the cosine of the angle between the directions in which the hands point in a pair of holds: -1000
+    /// where they face each other. Whole, so that pairs that face each other alike are as likely.
+    fn alignment(&self, pair: usize) -> i32 {
+        let Some([giving, taking]) = &self.pointing else { return 0 };
+        let cosine = giving[pair / taking.len()].dot(&taking[pair % taking.len()]);
+        (cosine * 1e3).round() as i32
     }
 
     fn draw(&mut self, rng: &mut Rng) -> Draw {
@@ -386,9 +388,11 @@ impl<'s, 'q> Sampler<'s, 'q> {
             Some((giving, solve(receiver, bases.inverse() * tcp * hands)?))
         };
         let drawn = self.drawn.entry(pair.stance.hands).or_default();
-        let next = pair.seen.max(*drawn);
+        let known = || self.seen.get(&seen_key(self.query, &pair.giver_hold, &pair.receiver_hold));
+        let seen = pair.seen.unwrap_or_else(|| known().copied().unwrap_or(0));
+        let next = seen.max(*drawn);
         let meeting = if next < MOST_DRAWN {
-            (pair.seen, *drawn) = (next + 1, next + 1);
+            (pair.seen, *drawn) = (Some(next + 1), next + 1);
             pair.sequence.get(&pair.stance, next, draws, solve)
         } else {
             solve(rng).map(|(giving, taking)| Arc::new(Meeting::passing(giving, taking)))
@@ -503,8 +507,8 @@ fn seen_key(
     query: &HandoffQuery<'_>,
     giver_hold: &Pose,
     receiver_hold: &Pose,
-) -> (usize, usize, Grains, Grains) {
-    (query.giver.0, query.receiver.0, Grains::of(giver_hold), Grains::of(receiver_hold))
+) -> (Grains, Grains, usize, usize) {
+    (Grains::of(giver_hold), Grains::of(receiver_hold), query.giver.0, query.receiver.0)
 }
 
 /// Whether two arms are the same but for where they stand.
