@@ -352,11 +352,17 @@ impl<'s, 'q> Sampler<'s, 'q> {
         }
         let compared = if self.pointing.is_some() { PAIRS_COMPARED } else { 1 };
         for _ in 0..DRAWS_OF_HOLDS / compared {
-            let mut numbers: SmallVec<[usize; PAIRS_COMPARED]> =
-                (0..compared).map(|_| rng.random_range(0..count)).collect();
-            numbers.sort_by_key(|&number| self.alignment(number));
-            if let Some(number) = numbers.into_iter().find(|&number| self.fits(number)) {
-                return Some(number);
+            let mut drawn: SmallVec<[(i32, usize); PAIRS_COMPARED]> = SmallVec::new();
+            for _ in 0..compared {
+                let number = rng.random_range(0..count);
+                drawn.push((self.alignment(number), number));
+            }
+            // The first that was drawn of those that face each other alike.
+            while let Some(best) = (0..drawn.len()).min_by_key(|&at| drawn[at].0) {
+                let (_, number) = drawn.remove(best);
+                if self.fits(number) {
+                    return Some(number);
+                }
             }
         }
         let fitting: Vec<usize> = (0..count).filter(|&pair| self.fits(pair)).collect();

@@ -96,5 +96,7 @@ fn is_straight(arm: &Arm, start: &Pose, direction: &Vec3, from: &[f64], to: &[f6
     let tcp = arm.tcp_pose(&q);
     let offset = tcp.translation.vector - start.translation.vector;
     let aside = offset - direction * offset.dot(direction);
-    aside.norm() < GREATEST_SAG && tcp.rotation.angle_to(&start.rotation) < GREATEST_TURN
+    // A small rotation's quaternion has half the angle for its vector.
+    let turn = 2.0 * start.rotation.rotation_to(&tcp.rotation).vector().norm();
+    aside.norm() < GREATEST_SAG && turn < GREATEST_TURN
 }

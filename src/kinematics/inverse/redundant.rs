@@ -6,7 +6,7 @@ use std::f64::consts::TAU;
 use rand::Rng as _;
 use smallvec::SmallVec;
 
-use super::angles::{neutral, turn_between, weighted_square};
+use super::angles::{fit, neutral, turn_between, weighted_square};
 use super::euler::Side;
 use super::spherical_seven::{Aim, Branch, SphericalSeven, Window};
 use crate::geometry::Pose;
@@ -105,6 +105,8 @@ impl SphericalSeven {
         let (elbow, angles) = self.continued(target, seed)?;
         let (shoulder, wrist) = self.sides_of(seed);
         let same = Branch { elbow, shoulder, wrist };
+        // The elbow is where it is, whatever psi.
+        fit(angles.q4, &limits[3], seed[3]).filter(|q4| (q4 - seed[3]).abs() <= max_step)?;
         // Near a singular shoulder or wrist another branch may be as good a continuation.
         let kept = std::iter::once(same)
             .chain(branches_of(elbow).filter(|branch| *branch != same))
@@ -112,6 +114,10 @@ impl SphericalSeven {
             .find(|q| within_step(q, seed, max_step));
         if let Some(q) = kept {
             return Some(q.into_iter().collect());
+        }
+        if angles.within(same, limits, seed).is_some() {
+            // The limits do not ask for another psi.
+            return None;
         }
         let aim = self.aim(target, Some(seed))?;
         let mut windows = SmallVec::new();

@@ -349,7 +349,7 @@ fn nearest_elbow(elbows: [f64; 2], q4: f64) -> usize {
 /// Angles of one elbow at one psi.
 #[derive(Debug, Clone)]
 pub(super) struct ElbowAngles {
-    q4: f64,
+    pub q4: f64,
     shoulder: [[f64; 3]; 2],
     wrist: [[f64; 3]; 2],
 }
