@@ -119,6 +119,7 @@ impl Atom {
     }
 
     /// The atom with its body at `body`.
+    #[inline]
     pub(super) fn place(&self, body: &Pose, out: &mut PlacedAtom) {
         out.body = *body;
         match &self.core {
@@ -138,6 +139,7 @@ impl Atom {
     }
 
     /// The atom placed with its body at `body`.
+    #[inline]
     pub(super) fn placed(&self, body: &Pose) -> PlacedAtom {
         let mut out = PlacedAtom::nowhere();
         self.place(body, &mut out);
@@ -245,6 +247,7 @@ impl Atom {
 }
 
 /// Distance between a capsule and a box: minus the radius where the segment meets the box.
+#[inline]
 fn capsule_box(a: &Vec3, b: &Vec3, radius: f64, frame: &Pose, half: &Vec3) -> f64 {
     let inverse = frame.rotation.inverse();
     let p0 = inverse * (a - frame.translation.vector);

@@ -163,6 +163,16 @@ impl JointMotion for PathMotion<'_> {
         for (lane, &(from, to)) in intervals.iter().enumerate() {
             let ends = (self.segment(from), self.segment((from + to) / 2.0), self.segment(to));
             let (Some(start), Some(middle), Some(end)) = ends else { return };
+            if std::ptr::eq(start.0, end.0) {
+                // All on one segment.
+                let half = ((to - from) / 2.0) as f32 * DEVIATION_ROUND_UP;
+                let (a, b, part) = middle;
+                for (joint, (a, b)) in a.iter().zip(b).enumerate() {
+                    let deviation = (b - a).abs() as f32 * DEVIATION_ROUND_UP * half;
+                    out.set(joint, lane, (a + (b - a) * part) as f32, deviation);
+                }
+                continue;
+            }
             let between = self.between(from, to);
             for joint in 0..out.values.len() {
                 let at = |(a, b, part): (&Config, &Config, f64)| a[joint] + (b[joint] - a[joint]) * part;

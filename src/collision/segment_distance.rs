@@ -6,6 +6,7 @@ use crate::geometry::Vec3;
 ///
 /// Closest points of two segments by clamping the unconstrained minimiser (Ericson, Real-Time
 /// Collision Detection, section 5.1.9).
+#[inline]
 pub fn segment_segment_squared(p0: &Vec3, p1: &Vec3, q0: &Vec3, q1: &Vec3) -> f64 {
     const TINY: f64 = 1e-18;
     let d1 = p1 - p0;
@@ -53,6 +54,7 @@ pub fn segment_segment_squared(p0: &Vec3, p1: &Vec3, q0: &Vec3, q1: &Vec3) -> f6
 /// The squared distance along the segment is convex and piecewise quadratic; its derivative is
 /// monotone and piecewise linear with breaks where the segment crosses a face's plane, so the
 /// minimum lies between two neighbouring breaks.
+#[inline]
 pub fn segment_box(p0: &Vec3, p1: &Vec3, half: &Vec3) -> f64 {
     let d = p1 - p0;
     let mut breaks = [0.0_f64; 8];

@@ -134,6 +134,7 @@ impl Chain {
 
 impl ChainStep {
     /// The frame after the step, from the joint frame at `pose`.
+    #[inline]
     fn advance(&self, pose: Pose, q: &[f64]) -> Pose {
         let value = self.multiplier * q[self.joint] + self.offset;
         match self.kind {

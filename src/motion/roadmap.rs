@@ -118,11 +118,13 @@ impl Roadmap {
     }
 
     /// The configurations.
+    #[inline]
     pub fn vertices(&self) -> &[Config] {
         &self.vertices
     }
 
     /// The edges at `vertex`: edge number and the vertex at its other end.
+    #[inline]
     pub fn neighbours(&self, vertex: usize) -> impl Iterator<Item = (usize, usize)> + '_ {
         self.incident.get(vertex).into_iter().flatten().map(move |&edge| {
             let [a, b] = self.edges[edge].ends;
@@ -131,12 +133,14 @@ impl Roadmap {
     }
 
     /// The edge with number `edge`.
+    #[inline]
     pub fn edge(&self, edge: usize) -> &Edge {
         &self.edges[edge]
     }
 
     /// Distance between two configurations (s): Euclidean, each joint in units of its greatest
     /// speed.
+    #[inline]
     pub fn distance(&self, a: &[f64], b: &[f64]) -> f64 {
         a.iter().zip(b).zip(&self.pace).map(|((x, y), pace)| ((x - y) * pace).powi(2)).sum::<f64>().sqrt()
     }
@@ -293,6 +297,7 @@ impl Roadmap {
     }
 
     /// Whether the edge is known to be blocked by the static workcell.
+    #[inline]
     pub fn known_blocked(&self, edge: usize) -> bool {
         self.validity[edge] == Validity::Blocked
     }

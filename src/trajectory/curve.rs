@@ -142,6 +142,7 @@ impl Curve {
     }
 
     /// Joint `joint` on segment `segment`, and the segment's length in time.
+    #[inline]
     pub(super) fn cubic(&self, segment: usize, joint: usize) -> (Cubic, f64) {
         let (a, b) = (&self.points[segment], &self.points[segment + 1]);
         let h = b.t - a.t;

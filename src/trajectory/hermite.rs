@@ -11,19 +11,23 @@ pub(super) struct Cubic {
 
 impl Cubic {
     /// The cubic through `q0` at 0 and `q1` at `h` with velocities `v0` and `v1` there.
+    #[inline]
     pub(super) fn hermite(q0: f64, v0: f64, q1: f64, v1: f64, h: f64) -> Self {
         let slope = (q1 - q0) / h;
         Self { q0, v0, c2: (3.0 * slope - 2.0 * v0 - v1) / h, c3: (v0 + v1 - 2.0 * slope) / (h * h) }
     }
 
+    #[inline]
     pub(super) fn position(&self, t: f64) -> f64 {
         self.q0 + t * (self.v0 + t * (self.c2 + t * self.c3))
     }
 
+    #[inline]
     pub(super) fn velocity(&self, t: f64) -> f64 {
         self.v0 + t * (2.0 * self.c2 + t * 3.0 * self.c3)
     }
 
+    #[inline]
     pub(super) fn acceleration(&self, t: f64) -> f64 {
         2.0 * self.c2 + 6.0 * self.c3 * t
     }
@@ -42,6 +46,7 @@ impl Cubic {
     }
 
     /// The real zeros of the velocity wherever they are; not finite where there is none.
+    #[inline]
     pub(super) fn standstills(&self) -> [f64; 2] {
         // v0 + 2 c2 t + 3 c3 t^2, by the form that stays exact as c3 goes to zero.
         let discriminant = self.c2 * self.c2 - 3.0 * self.c3 * self.v0;
@@ -50,6 +55,7 @@ impl Cubic {
     }
 
     /// Greatest |velocity| on `[from, to]`.
+    #[inline]
     pub(super) fn max_speed(&self, from: f64, to: f64) -> f64 {
         let ends = self.velocity(from).abs().max(self.velocity(to).abs());
         let turn = -self.c2 / (3.0 * self.c3);

@@ -12,6 +12,7 @@ const GRAIN: f64 = 1.0e-11;
 pub(super) struct Grains([i64; 7]);
 
 impl Grains {
+    #[inline]
     pub(super) fn of(pose: &Pose) -> Self {
         let (t, mut r) = (pose.translation.vector, pose.rotation.coords);
         // A quaternion and its negative are one rotation.
@@ -25,6 +26,7 @@ impl Grains {
     }
 
     /// The pose: the same for all that have equal grains, and within half a grain of each of them.
+    #[inline]
     pub(super) fn pose(&self) -> Pose {
         let [x, y, z, i, j, k, w] = self.0.map(|c| c as f64 * GRAIN);
         let rotation = UnitQuaternion::from_quaternion(Quaternion::new(w, i, j, k));

@@ -385,13 +385,21 @@ impl<'s, 'q> Sampler<'s, 'q> {
         let hands = pair.stance.hands.pose();
         let solve = |rng: &mut Rng| {
             let tcp = place.draw(rng)?;
-            let mut solve = |arm: &Arm, tcp: Pose| {
+            let mounts = [
+                (giver, tcp * giver.tool.tcp.inverse()),
+                (receiver, bases.inverse() * tcp * hands * receiver.tool.tcp.inverse()),
+            ];
+            // Both are looked at before either is worked out.
+            if mounts.iter().any(|(arm, mount)| arm.model.is_beyond(&arm.limits, mount)) {
+                return None;
+            }
+            let mut solve = |(arm, mount): (&Arm, Pose)| {
                 let mut solutions = Vec::new();
-                arm.inverse(&(tcp * arm.tool.tcp.inverse()), 2, rng, &mut solutions);
+                arm.inverse(&mount, 2, rng, &mut solutions);
                 (!solutions.is_empty()).then_some(solutions)
             };
-            let giving = solve(giver, tcp)?;
-            Some((giving, solve(receiver, bases.inverse() * tcp * hands)?))
+            let [giving, taking] = mounts;
+            Some((solve(giving)?, solve(taking)?))
         };
         let drawn = self.drawn.entry(pair.stance.hands).or_default();
         let known = || self.seen.get(&seen_key(self.query, &pair.giver_hold, &pair.receiver_hold));
@@ -532,6 +540,7 @@ fn rotations_of(shapes: &[PlacedShape]) -> Vec<UnitQuaternion<f64>> {
 }
 
 /// Least time (s) from `from` to `to` at the joints' greatest speeds.
+#[inline]
 pub fn travel_time(arm: &Arm, from: &[f64], to: &[f64]) -> f64 {
     from.iter()
         .zip(to)

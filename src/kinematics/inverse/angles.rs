@@ -8,6 +8,7 @@ use crate::kinematics::JointLimits;
 const LIMIT_SLACK: f64 = 1e-10;
 
 /// The angle `angle` + a multiple of 2 pi that lies within `limits`, the one nearest to `near`.
+#[inline]
 pub(in crate::kinematics) fn fit(angle: f64, limits: &JointLimits, near: f64) -> Option<f64> {
     let mut value = angle;
     if (near - angle).abs() > PI {
@@ -40,6 +41,7 @@ pub(super) fn neutral(limits: &JointLimits) -> f64 {
 }
 
 /// The shorter way (rad, not negative) between two angles.
+#[inline]
 pub(super) fn turn_between(a: f64, b: f64) -> f64 {
     let difference = (a - b).abs();
     if difference <= PI {

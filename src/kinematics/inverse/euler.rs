@@ -49,6 +49,7 @@ impl AxisTriple {
     /// The three angles (rad) whose turns about the axes make the rotation R, from
     /// `m` = frame^T R end: with the middle angle (shift included) positive, then negative. Where
     /// the outer two angles are not determined, the first is `hold`.
+    #[inline]
     pub fn angles(&self, m: &Matrix3<f64>, hold: f64) -> [[f64; 3]; 2] {
         let sine = (m[(0, 2)] * m[(0, 2)] + m[(1, 2)] * m[(1, 2)]).sqrt();
         if sine < SINGULAR_SINE {
@@ -66,11 +67,13 @@ impl AxisTriple {
 
 /// Sine and cosine of the third angle, from what the first (cosine `c`, sine `s`) leaves over: exact
 /// near the singularity, too.
+#[inline]
 fn third(m: &Matrix3<f64>, c: f64, s: f64) -> (f64, f64) {
     (c * m[(1, 0)] - s * m[(0, 0)], c * m[(1, 1)] - s * m[(0, 1)])
 }
 
 /// Half a turn on, kept within a turn about 0.
+#[inline]
 fn opposite(angle: f64) -> f64 {
     if angle > 0.0 { angle - std::f64::consts::PI } else { angle + std::f64::consts::PI }
 }

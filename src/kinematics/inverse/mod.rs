@@ -102,6 +102,14 @@ impl ArmModel {
         }
     }
 
+    /// Whether it is plain at a glance that [`Self::inverse`] finds nothing for `target`: cheap, and `false` says nothing.
+    pub fn is_beyond(&self, limits: &[JointLimits], target: &Pose) -> bool {
+        match &self.solver.0 {
+            Structure::SphericalSeven(seven) => self.fits(limits, target) && seven.is_beyond(limits, target),
+            _ => false,
+        }
+    }
+
     /// The configuration for `target` that continues from `seed`: same branch, the free motion of
     /// a redundant arm kept, or moved only as much as `limits` ask for. `None` when there is none
     /// with every joint within `max_step` (rad or m) of the seed. For following the TCP's path in

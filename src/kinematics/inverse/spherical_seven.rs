@@ -144,6 +144,13 @@ impl SphericalSeven {
         Some(Aim { elbows: elbows.map(|q4| self.aim_elbow(q4, &goal, &direction, before.as_ref())) })
     }
 
+    /// Whether the wrist cannot get to the target, or the elbow cannot bend as that takes.
+    pub fn is_beyond(&self, limits: &[JointLimits], target: &Pose) -> bool {
+        self.bearing(target).is_none_or(|bearing| {
+            bearing.elbows.iter().all(|&q4| fit(q4, &limits[3], limits[3].lower).is_none())
+        })
+    }
+
     /// The angles at psi = 0 as [`Self::aim`] has it, with the elbow as near to that of `reference` as it can be;
     /// and the elbow's index. `None` when the wrist cannot get there.
     pub fn continued(&self, target: &Pose, reference: &[f64; 7]) -> Option<(usize, ElbowAngles)> {
@@ -162,6 +169,7 @@ impl SphericalSeven {
     }
 
     /// `None` when the wrist cannot get to the target.
+    #[inline]
     fn bearing(&self, target: &Pose) -> Option<Bearing> {
         let rotation = target.rotation.to_rotation_matrix();
         let goal = rotation.matrix() * self.mount_inverse;
@@ -194,6 +202,7 @@ impl SphericalSeven {
 
     /// The rotation of the elbow at `q4`; and that of the shoulder which brings the wrist in `direction` by the least
     /// turn from where it was `before`.
+    #[inline]
     fn carry(
         &self,
         q4: f64,
@@ -211,6 +220,7 @@ impl SphericalSeven {
     }
 
     /// The rotation that joints 1 to 3 make at `q`.
+    #[inline]
     fn shoulder_rotation(&self, q: &[f64]) -> Matrix3<f64> {
         // In the triple's frame: turns about z, y, z.
         let [(s1, c1), (s2, c2), (s3, c3)] = [q[0], q[1] + self.shoulder.shift, q[2]].map(sin_cos);
@@ -316,6 +326,7 @@ impl SphericalSeven {
     }
 
     /// The branch (without its elbow index) on which `q` is.
+    #[inline]
     pub fn sides_of(&self, q: &[f64]) -> (Side, Side) {
         let side = |angle: f64| if angle.sin() >= 0.0 { Side::Positive } else { Side::Negative };
         (side(q[1] + self.shoulder.shift), side(q[5] + self.wrist.shift))
@@ -323,6 +334,7 @@ impl SphericalSeven {
 }
 
 /// The turn by `angle` (rad) about `axis` (Rodrigues).
+#[inline]
 fn turn_about(axis: &nalgebra::Unit<Vec3>, angle: f64) -> Matrix3<f64> {
     let (sine, cosine) = sin_cos(angle);
     let (x, y, z) = (axis.x, axis.y, axis.z);
@@ -341,6 +353,7 @@ fn turn_about(axis: &nalgebra::Unit<Vec3>, angle: f64) -> Matrix3<f64> {
 }
 
 /// Which of two elbow angles (rad) is nearest to `q4`.
+#[inline]
 fn nearest_elbow(elbows: [f64; 2], q4: f64) -> usize {
     let [first, second] = elbows.map(|angle| turn_between(angle, q4));
     usize::from(second < first)
@@ -357,6 +370,7 @@ pub(super) struct ElbowAngles {
 impl ElbowAngles {
     /// The configuration of `branch`, each joint within its limits and as near to `near` as
     /// whole turns allow.
+    #[inline]
     pub fn within(&self, branch: Branch, limits: &[JointLimits], near: &[f64; 7]) -> Option<[f64; 7]> {
         let [a, b, c] = self.shoulder[branch.shoulder as usize];
         let [d, e, f] = self.wrist[branch.wrist as usize];
@@ -371,6 +385,7 @@ impl ElbowAngles {
 impl Swing {
     /// `left` times a turn by psi (or by -psi) about the unit vector d, times `right`. The turn is
     /// d d^T + cos psi (1 - d d^T) + sin psi [d]x.
+    #[inline]
     fn new(left: &Matrix3<f64>, d: &Vec3, right: &Matrix3<f64>, sense: f64) -> Self {
         let constant = (left * d) * (right.transpose() * d).transpose();
         let even = left * right - constant;
@@ -379,6 +394,7 @@ impl Swing {
         Self { constant, even, odd: left * crossed }
     }
 
+    #[inline]
     fn at(&self, cosine: f64, sine: f64) -> Matrix3<f64> {
         self.constant + self.even * cosine + self.odd * sine
     }
@@ -447,6 +463,7 @@ fn vanishing([constant, even, odd]: [f64; 3], cuts: &mut SmallVec<[f64; 32]>) {
 
 /// A rotation that turns the direction of `from` into the unit vector `to`, about the axis
 /// perpendicular to both.
+#[inline]
 pub(super) fn least_rotation(from: &Vec3, to: &Vec3) -> Matrix3<f64> {
     let from = from / from.norm();
     let cosine = from.dot(to);
