@@ -24,6 +24,8 @@ pub(super) struct ChainStep {
     pub fixed: Pose,
     /// Axis in the joint frame.
     pub axis: Unit<Vec3>,
+    /// The rotation of the joint frame times half a turn about the axis: with it and the former any turn is a sum.
+    half_turned: Quaternion<f64>,
     pub kind: StepKind,
     /// The driving joint.
     pub joint: usize,
@@ -66,7 +68,8 @@ impl Chain {
                     (StepKind::Slide, (*axis, *joint, *multiplier, *offset))
                 }
             };
-            steps.push(ChainStep { fixed, axis, kind, joint, multiplier, offset });
+            let half_turned = fixed.rotation.quaternion() * Quaternion::from_imag(axis.into_inner());
+            steps.push(ChainStep { fixed, axis, half_turned, kind, joint, multiplier, offset });
             fixed = Pose::identity();
         }
         Self { steps, tail: fixed, dof }
@@ -76,10 +79,15 @@ impl Chain {
     pub fn mount_pose(&self, q: &[f64]) -> Pose {
         let mut pose = Pose::identity();
         for step in &self.steps {
-            pose *= step.fixed;
-            pose = step.advance(pose, q);
+            pose *= step.local(q);
         }
         pose * self.tail
+    }
+
+    /// A point of the mount frame in the root frame at `q`: cheaper than the frame.
+    pub fn mount_point(&self, q: &[f64], point: &Vec3) -> Vec3 {
+        let point = self.tail * nalgebra::Point3::from(*point);
+        self.steps.iter().rev().fold(point, |point, step| step.local(q) * point).coords
     }
 
     /// The mount frame at `q`, with the Jacobian's columns in `columns`.
@@ -133,6 +141,19 @@ impl Chain {
 }
 
 impl ChainStep {
+    /// The frame after the step in that before it.
+    #[inline]
+    fn local(&self, q: &[f64]) -> Pose {
+        match self.kind {
+            StepKind::Turn => {
+                let (sine, cosine) = sin_cos((self.multiplier * q[self.joint] + self.offset) / 2.0);
+                let turn = self.fixed.rotation.quaternion() * cosine + self.half_turned * sine;
+                Pose::from_parts(self.fixed.translation, UnitQuaternion::new_unchecked(turn))
+            }
+            StepKind::Slide => self.advance(self.fixed, q),
+        }
+    }
+
     /// The frame after the step, from the joint frame at `pose`.
     #[inline]
     fn advance(&self, pose: Pose, q: &[f64]) -> Pose {

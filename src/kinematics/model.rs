@@ -142,4 +142,9 @@ impl ArmModel {
     pub fn mount_pose(&self, q: &[f64]) -> Pose {
         self.chain.mount_pose(q)
     }
+
+    /// A point given in the mount link's frame, in the root link's frame at `q` (m).
+    pub fn mount_point(&self, q: &[f64], point: &Vec3) -> Vec3 {
+        self.chain.mount_point(q, point)
+    }
 }

@@ -198,8 +198,8 @@ fn line_tolerances(line: &Line, free: f64) -> Vec<f64> {
 /// When the TCP is first so far (m) away from where it starts, for two ascending distances; where it never is, the end
 /// of the curve.
 fn leaves(arm: &Arm, curve: &Curve, distances: [f64; 2]) -> [f64; 2] {
-    let start = arm.tcp_pose(&curve.first().q).translation.vector;
-    let away = |q: &[f64]| (arm.tcp_pose(q).translation.vector - start).norm();
+    let start = arm.tcp_position(&curve.first().q);
+    let away = |q: &[f64]| (arm.tcp_position(q) - start).norm();
     let mut found = [curve.end_time(); 2];
     let mut next = 0;
     let mut before = (curve.start_time(), 0.0);

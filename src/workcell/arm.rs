@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use crate::geometry::{PlacedShape, Pose};
+use crate::geometry::{PlacedShape, Pose, Vec3};
 use crate::kinematics::{ArmModel, Config, JointLimits};
 use crate::run::Rng;
 
@@ -47,6 +47,12 @@ impl Arm {
     /// The TCP frame in the world at `q`.
     pub fn tcp_pose(&self, q: &[f64]) -> Pose {
         self.base * self.model.mount_pose(q) * self.tool.tcp
+    }
+
+    /// The origin of [`Self::tcp_pose`] (m).
+    pub fn tcp_position(&self, q: &[f64]) -> Vec3 {
+        let in_root = self.model.mount_point(q, &self.tool.tcp.translation.vector);
+        self.base.rotation * in_root + self.base.translation.vector
     }
 
     /// Writes to `out` (cleared first) up to `most` configurations that bring the mount link to `target`, its pose in
