@@ -103,7 +103,7 @@ fn through_roadmap(
     let mut starts = roadmap.nearest(from, CONNECTIONS);
     let mut goals = roadmap.nearest(to, CONNECTIONS);
     let mut free_ends: BTreeSet<(usize, usize)> = BTreeSet::new();
-    let mut routes = Routes::new(count);
+    let mut routes = Routes::new(roadmap, (from, to), (&starts, &goals), &known.blocked);
     for _ in 0..GREATEST_REPAIRS {
         if control.should_stop() {
             return None;
@@ -178,28 +178,67 @@ impl Ord for Open {
     }
 }
 
-/// Shortest routes between the same two configurations, one after the other.
+/// Shortest routes between the same two configurations, one after the other, each with more edges blocked.
 struct Routes {
     /// By vertex: the cost of the way there, where it comes from (with the edge), and whether it is final. The
     /// two configurations come after the roadmap's vertices.
     cost: Vec<f64>,
     parent: Vec<Option<(usize, Option<usize>)>>,
     closed: Vec<bool>,
-    /// By vertex, its distance from the end, where it was asked for; the same for all routes.
+    /// By vertex, a lower bound on the way to the end, where it was asked for: the length of the shortest way with what
+    /// was blocked at first, as far as that was followed backwards.
     rest: Vec<f64>,
+    /// No other vertex has less left.
+    followed: f64,
     open: BinaryHeap<Open>,
 }
 
 impl Routes {
-    /// Over a roadmap with `count` vertices.
-    fn new(count: usize) -> Self {
-        Self {
+    /// Over `roadmap`, between two configurations that are joined to `starts` and `goals`. Ways are followed backwards from
+    /// the end (Dijkstra) until one has come to the beginning: so all searches know what is ahead of them.
+    fn new(
+        roadmap: &Roadmap,
+        (from, to): (&Config, &Config),
+        (starts, goals): (&[usize], &[usize]),
+        blocked: &BTreeSet<usize>,
+    ) -> Self {
+        let vertices = roadmap.vertices();
+        let count = vertices.len();
+        let mut routes = Self {
             cost: vec![f64::INFINITY; count + 2],
             parent: vec![None; count + 2],
             closed: vec![false; count + 2],
             rest: vec![f64::NAN; count + 2],
+            followed: f64::INFINITY,
             open: BinaryHeap::new(),
+        };
+        let Self { cost, closed, rest, open, .. } = &mut routes;
+        let mut arrives = f64::INFINITY;
+        for &goal in goals {
+            cost[goal] = roadmap.distance(&vertices[goal], to);
+            open.push(Open { estimate: cost[goal], vertex: goal });
         }
+        while let Some(Open { estimate, vertex }) = open.pop() {
+            if estimate >= arrives {
+                routes.followed = estimate;
+                break;
+            }
+            if std::mem::replace(&mut closed[vertex], true) {
+                continue;
+            }
+            rest[vertex] = cost[vertex];
+            if starts.contains(&vertex) {
+                arrives = arrives.min(estimate + roadmap.distance(from, &vertices[vertex]));
+            }
+            for (edge, next) in roadmap.neighbours(vertex) {
+                let through = estimate + roadmap.edge(edge).length;
+                if through < cost[next] && !roadmap.known_blocked(edge) && !blocked.contains(&edge) {
+                    cost[next] = through;
+                    open.push(Open { estimate: through, vertex: next });
+                }
+            }
+        }
+        routes
     }
 
     /// A* between two configurations that are joined to `starts` and `goals`: vertices with the edge that led to each.
@@ -233,9 +272,11 @@ impl Routes {
                     self.cost[next] = through;
                     self.parent[next] = Some((vertex, edge));
                     if self.rest[next].is_nan() {
-                        self.rest[next] = roadmap.distance(&vertices[next], to);
+                        self.rest[next] = self.followed.max(roadmap.distance(&vertices[next], to));
                     }
-                    self.open.push(Open { estimate: through + self.rest[next], vertex: next });
+                    if self.rest[next].is_finite() {
+                        self.open.push(Open { estimate: through + self.rest[next], vertex: next });
+                    }
                 }
             };
             if vertex == source {

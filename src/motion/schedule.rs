@@ -104,7 +104,9 @@ pub(super) fn schedule(
                     let timings = search.timings(&delays);
                     let over = ((timings[other].end - timings[arm].start) / TICK).ceil().max(0.0) as u32;
                     let at_last = search.timings(&later(over.max(LONGEST_WAIT)));
-                    if search.meets_at_last(conflict, arm, &at_last) {
+                    if search.meets_at_last(conflict, arm, &at_last)
+                        || !search.is_apart(conflict, &at_last, true)
+                    {
                         continue;
                     }
                     let passing = WAITS.iter().find_map(|wait| {
