@@ -19,12 +19,9 @@ const GREATEST_REPAIRS: usize = 80;
 /// Roadmap vertices to which the ends of a path are joined.
 const CONNECTIONS: usize = 12;
 
-/// Random shortcuts tried on a path with more than two waypoints.
-const SHORTCUTS: usize = 24;
-
 /// Another arm that stands still and must be avoided.
 #[derive(Debug, Clone)]
-pub struct Avoid {
+pub(super) struct Avoid {
     /// Which arm.
     pub arm: ArmId,
     /// Where it stands.
@@ -64,30 +61,25 @@ impl Surroundings<'_> {
     }
 }
 
-/// A free path of `arm` from `from` to `to`, both ends included; `None` when the roadmap holds
-/// none, or `control` stops the search.
-#[allow(clippy::too_many_arguments)]
-pub fn find_path(
-    world: &CollisionWorld,
+/// A free path from `from` to `to`, both ends included, with up to `shortcuts` random shortcuts tried; `None` when the
+/// roadmap holds none, or `control` stops the search.
+pub(super) fn find_path(
+    around: &Surroundings<'_>,
     roadmap: &mut Roadmap,
-    arm: ArmId,
     (from, to): (&Config, &Config),
-    held: Option<&Held>,
-    resting: &Resting,
-    avoid: &[Avoid],
+    shortcuts: usize,
     control: &Control,
     rng: &mut Rng,
 ) -> Option<Vec<Config>> {
-    let around = Surroundings { world, arm, held, resting, avoid };
     if around.edge_free(from, to) {
         return Some(vec![from.clone(), to.clone()]);
     }
-    let situation = Situation::new(held, resting, avoid);
+    let situation = Situation::new(around.held, around.resting, around.avoid);
     let mut known = roadmap.recall(&situation);
-    let path = through_roadmap(&around, roadmap, (from, to), &mut known, control);
+    let path = through_roadmap(around, roadmap, (from, to), &mut known, control);
     roadmap.remember(situation, known);
     let path = path?;
-    Some(shortcut(&around, roadmap, path, rng))
+    Some(shortcut(around, roadmap, path, shortcuts, rng))
 }
 
 /// Lazy A* over the roadmap with both ends joined to their nearest vertices.
@@ -310,11 +302,12 @@ impl Routes {
     }
 }
 
-/// Shortens a free path: whole waypoints first, then random pieces.
+/// Shortens a free path: whole waypoints first, then up to `shortcuts` random pieces.
 pub(super) fn shortcut(
     around: &Surroundings<'_>,
     roadmap: &Roadmap,
     mut path: Vec<Config>,
+    shortcuts: usize,
     rng: &mut Rng,
 ) -> Vec<Config> {
     let mut start = 0;
@@ -329,7 +322,7 @@ pub(super) fn shortcut(
         }
         start += 1;
     }
-    for _ in 0..SHORTCUTS {
+    for _ in 0..shortcuts {
         if path.len() < 3 {
             break;
         }

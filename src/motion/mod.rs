@@ -19,7 +19,6 @@ mod schedule;
 mod task;
 mod timed;
 
-pub use arm_path::{Avoid, find_path};
 pub use legs::windows;
 pub use planner::{StepFailure, StepPlanner, first_roadmaps};
 pub use roadmap::Roadmap;

@@ -6,7 +6,7 @@ use crate::collision::{CollisionWorld, Exemption, StraightMotion};
 use crate::kinematics::Config;
 use crate::problem::Problem;
 use crate::run::{Control, Rng, Seed};
-use crate::trajectory::CurveTable;
+use crate::trajectory::{Curve, CurveTable};
 use crate::workcell::{ArmId, Workcell};
 
 use super::arm_path::{Avoid, Surroundings, find_path, shortcut};
@@ -27,6 +27,10 @@ const GROWTH: usize = 150;
 /// Rounds of repair in a first attempt, and before the composite search.
 const FIRST_ROUNDS: usize = 5;
 const ROUNDS: usize = 10;
+
+/// Random shortcuts tried on a path with more than two waypoints; and where time is short.
+const SHORTCUTS: usize = 24;
+const HASTY_SHORTCUTS: usize = 8;
 
 /// Disputes of two arms that act, one going first and then the other, after which other contacts are more promising
 /// where time is short: a third round helps in one of seven cases, and a fourth in fewer.
@@ -87,6 +91,13 @@ struct Begun {
     /// Those whose ways are planned in the round; what the others do stays as it was.
     fresh: Vec<usize>,
     known: PairTimes,
+}
+
+/// The way of an arm that others should not be in.
+struct Way<'l> {
+    arm: usize,
+    curve: &'l Curve,
+    table: CurveTable,
 }
 
 /// What one round tries.
@@ -346,7 +357,9 @@ impl<'a> StepPlanner<'a> {
             vec![from.clone()]
         } else {
             let ask = |roadmap: &mut Roadmap, avoid: &[Avoid], rng: &mut Rng| {
-                find_path(self.world, roadmap, id, (from, to), held, resting, avoid, control, rng)
+                let shortcuts = if self.is_hasty { HASTY_SHORTCUTS } else { SHORTCUTS };
+                let around = Surroundings { world: self.world, arm: id, held, resting, avoid };
+                find_path(&around, roadmap, (from, to), shortcuts, control, rng)
             };
             let roadmap = &mut self.roadmaps[index];
             let mut found = ask(roadmap, avoid, &mut self.rng);
@@ -357,7 +370,7 @@ impl<'a> StepPlanner<'a> {
             if found.is_none() && arm.acts() && avoid.is_empty() {
                 let around = Surroundings { world: self.world, arm: id, held, resting, avoid };
                 found = connect(&around, roadmap, model, (from, to), control, &mut self.rng).map(|path| {
-                    let path = shortcut(&around, roadmap, path, &mut self.rng);
+                    let path = shortcut(&around, roadmap, path, SHORTCUTS, &mut self.rng);
                     roadmap.learn(&path);
                     path
                 });
@@ -417,7 +430,12 @@ impl<'a> StepPlanner<'a> {
             round.idle[arm] = match &round.idle[arm] {
                 Idle::Ahead
                     if matches!(task.arms[arm].goal, ArmGoal::Toward(_))
-                        && !self.is_in_the_way(task, legs, arm, task.arms[arm].after_departure()) =>
+                        && !self.is_in_the_way(
+                            task,
+                            &self.ways_past(task, legs, arm),
+                            arm,
+                            task.arms[arm].after_departure(),
+                        ) =>
                 {
                     Idle::Stay
                 }
@@ -469,26 +487,40 @@ impl<'a> StepPlanner<'a> {
                     })
                 })
         };
-        candidates.retain(clear);
-        let place = candidates.iter().position(|q| !self.is_in_the_way(task, legs, index, q)).unwrap_or(0);
-        if candidates.is_empty() { home } else { candidates.swap_remove(place) }
+        let ways = self.ways_past(task, legs, index);
+        let mut first = None;
+        for q in candidates.into_iter().filter(clear) {
+            if !self.is_in_the_way(task, &ways, index, &q) {
+                return q;
+            }
+            first.get_or_insert(q);
+        }
+        first.unwrap_or(home)
     }
 
-    /// Whether an arm that stands still at `q` is in the way of an acting arm on its way, at one of a few instants.
-    fn is_in_the_way(&self, task: &StepTask, legs: &[Legs], index: usize, q: &Config) -> bool {
-        let (rest, none) = (StraightMotion::rest(q), Exemption::default());
-        let stands = (ArmId(index), task.arms[index].held.as_ref());
-        legs.iter().zip(&task.arms).enumerate().any(|(other, (legs, arm))| {
-            let comes = (ArmId(other), arm.held.as_ref());
-            if other == index || !arm.acts() || !self.world.may_meet(stands, comes) {
-                return false;
-            }
+    /// The ways of acting arms that may come near arm `index`, laid out for sampling.
+    fn ways_past<'l>(&self, task: &StepTask, legs: &'l [Legs], index: usize) -> Vec<Way<'l>> {
+        let here = (ArmId(index), task.arms[index].held.as_ref());
+        let past = legs.iter().zip(&task.arms).enumerate().filter(|(other, (_, arm))| {
+            *other != index && arm.acts() && self.world.may_meet(here, (ArmId(*other), arm.held.as_ref()))
+        });
+        past.map(|(arm, (legs, _))| {
             let curve = &legs.through.curve;
+            Way { arm, curve, table: CurveTable::new(curve) }
+        })
+        .collect()
+    }
+
+    /// Whether an arm that stands still at `q` is in one of the `ways`, at one of a few instants.
+    fn is_in_the_way(&self, task: &StepTask, ways: &[Way<'_>], index: usize, q: &Config) -> bool {
+        let (rest, none) = (StraightMotion::rest(q), Exemption::default());
+        let held = |arm: usize| task.arms[arm].held.as_ref();
+        ways.iter().any(|Way { arm, curve, table }| {
             let span = (curve.start_time(), curve.end_time());
-            let instants = Instants(CurveMotion { curve, table: &CurveTable::new(curve), span });
+            let instants = Instants(CurveMotion { curve, table, span });
             !self.world.motions_apart(
-                (stands.0, &rest, stands.1, none),
-                (comes.0, &instants, comes.1, none),
+                (ArmId(index), &rest, held(index), none),
+                (ArmId(*arm), &instants, held(*arm), none),
                 span,
             )
         })

@@ -10,7 +10,7 @@ use sha2::{Digest as _, Sha256};
 
 use crate::collision::{Held, Resting};
 use crate::geometry::Pose;
-use crate::motion::Avoid;
+use crate::motion::arm_path::Avoid;
 
 /// Situations that are remembered; for one more the oldest is forgotten.
 const MOST_SITUATIONS: usize = 64;
