@@ -222,8 +222,9 @@ impl Routes {
             if starts.contains(&vertex) {
                 arrives = arrives.min(estimate + roadmap.distance(from, &vertices[vertex]));
             }
-            for (edge, next) in roadmap.neighbours(vertex) {
-                let through = estimate + roadmap.edge(edge).length;
+            for link in roadmap.links(vertex) {
+                let (edge, next) = (link.edge as usize, link.next as usize);
+                let through = estimate + link.length;
                 if through < cost[next] && !roadmap.known_blocked(edge) && !blocked.contains(&edge) {
                     cost[next] = through;
                     open.push(Open { estimate: through, vertex: next });
@@ -277,8 +278,8 @@ impl Routes {
                 }
                 continue;
             }
-            for (edge, next) in roadmap.neighbours(vertex) {
-                relax(next, roadmap.edge(edge).length, Some(edge));
+            for link in roadmap.links(vertex) {
+                relax(link.next as usize, link.length, Some(link.edge as usize));
             }
             if goals.contains(&vertex) {
                 relax(target, roadmap.distance(&vertices[vertex], to), None);

@@ -39,13 +39,14 @@ enum Validity {
     Blocked,
 }
 
-/// An undirected edge.
-#[derive(Debug, Clone)]
-pub struct Edge {
-    /// Its vertices.
-    pub ends: [usize; 2],
+/// An edge as seen from one of its ends: all that a search along it looks at, side by side.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Link {
+    /// Number of the edge, and the vertex at its other end.
+    pub(super) edge: u32,
+    pub(super) next: u32,
     /// Its length in [`Roadmap::distance`] (s).
-    pub length: f64,
+    pub(super) length: f64,
 }
 
 /// What anybody found out about the edges that a roadmap had when it was shared. It saves checks
@@ -81,9 +82,10 @@ pub struct Roadmap {
     vertices: Arc<Vec<Config>>,
     /// The vertices times `pace`, eight of them side by side for each joint, to look for neighbours.
     paced: Arc<Vec<[f32; PACED]>>,
-    edges: Arc<Vec<Edge>>,
-    /// Edge numbers by vertex.
-    incident: Arc<Vec<Vec<usize>>>,
+    /// The vertices at both ends, by edge.
+    edges: Arc<Vec<[usize; 2]>>,
+    /// By vertex, where its edges lead.
+    incident: Arc<Vec<Vec<Link>>>,
     /// By edge.
     validity: Vec<Validity>,
     shared: Arc<SharedChecks>,
@@ -126,16 +128,13 @@ impl Roadmap {
     /// The edges at `vertex`: edge number and the vertex at its other end.
     #[inline]
     pub fn neighbours(&self, vertex: usize) -> impl Iterator<Item = (usize, usize)> + '_ {
-        self.incident.get(vertex).into_iter().flatten().map(move |&edge| {
-            let [a, b] = self.edges[edge].ends;
-            (edge, if a == vertex { b } else { a })
-        })
+        self.links(vertex).iter().map(|link| (link.edge as usize, link.next as usize))
     }
 
-    /// The edge with number `edge`.
+    /// The edges of a vertex.
     #[inline]
-    pub fn edge(&self, edge: usize) -> &Edge {
-        &self.edges[edge]
+    pub(super) fn links(&self, vertex: usize) -> &[Link] {
+        self.incident.get(vertex).map_or(&[], Vec::as_slice)
     }
 
     /// Distance between two configurations (s): Euclidean, each joint in units of its greatest
@@ -238,9 +237,11 @@ impl Roadmap {
 
     fn join(&mut self, one: usize, other: usize, length: f64) {
         let (edges, incident) = (Arc::make_mut(&mut self.edges), Arc::make_mut(&mut self.incident));
-        incident[one].push(edges.len());
-        incident[other].push(edges.len());
-        edges.push(Edge { ends: [one, other], length });
+        let link = |next: usize| Link { edge: edges.len() as u32, next: next as u32, length };
+        let (there, back) = (link(other), link(one));
+        incident[one].push(there);
+        incident[other].push(back);
+        edges.push([one, other]);
         self.validity.push(Validity::Unknown);
     }
 
@@ -278,7 +279,7 @@ impl Roadmap {
     }
 
     fn check(&self, world: &CollisionWorld, edge: usize) -> bool {
-        let [a, b] = self.edges[edge].ends;
+        let [a, b] = self.edges[edge];
         let motion = StraightMotion::new(&self.vertices[a], &self.vertices[b]);
         let resting = world.resting_atoms(&Scene::default());
         let free = world.static_free(self.arm, &motion, None, &resting, Exemption::default());

@@ -6,7 +6,7 @@ use std::sync::atomic::AtomicU8;
 use crate::kinematics::Config;
 use crate::workcell::{Arm, ArmId};
 
-use super::{Edge, Roadmap, SharedChecks, Validity};
+use super::{Roadmap, SharedChecks, Validity};
 
 /// Bits of an edge's word that hold a vertex.
 const VERTEX_BITS: u32 = 31;
@@ -25,7 +25,7 @@ impl Roadmap {
                 known => Some(known == Validity::Free),
             };
             let check = known.map_or(0, |free| 1 + u64::from(free));
-            check << (2 * VERTEX_BITS) | (edge.ends[0] as u64) << VERTEX_BITS | edge.ends[1] as u64
+            check << (2 * VERTEX_BITS) | (edge[0] as u64) << VERTEX_BITS | edge[1] as u64
         }));
         words
     }
@@ -43,24 +43,17 @@ impl Roadmap {
             }
             configurations.push(q);
         }
-        let mut incident = vec![Vec::new(); configurations.len()];
-        let (mut all, mut checks) = (Vec::new(), Vec::new());
-        for number in 0..edges as usize {
+        roadmap.incident = Arc::new(vec![Vec::new(); configurations.len()]);
+        let mut checks = Vec::new();
+        for _ in 0..edges {
             let word = words.next()?;
             let ends = [word >> VERTEX_BITS & VERTEX, word & VERTEX].map(|end| end as usize);
             let (a, b) = (configurations.get(ends[0])?, configurations.get(ends[1])?);
-            let length = roadmap.distance(a, b);
-            for end in ends {
-                incident[end].push(number);
-            }
-            all.push(Edge { ends, length });
+            roadmap.join(ends[0], ends[1], roadmap.distance(a, b));
             checks.push(AtomicU8::new((word >> (2 * VERTEX_BITS)) as u8));
         }
         configurations.iter().enumerate().for_each(|(vertex, q)| roadmap.push_paced(vertex, q));
-        roadmap.validity = vec![Validity::Unknown; all.len()];
         roadmap.vertices = Arc::new(configurations);
-        roadmap.edges = Arc::new(all);
-        roadmap.incident = Arc::new(incident);
         roadmap.shared = Arc::new(SharedChecks(checks));
         Some(roadmap)
     }
