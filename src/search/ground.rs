@@ -331,31 +331,27 @@ impl<'a> Grounder<'a> {
         if self.rng.random_bool(if anew { 0.5 } else { self.fresh }) {
             self.contacts.more(asked, hold);
         }
-        let scene = scene_of(near);
-        let mut known: Vec<Contact> = self
-            .contacts
-            .at(asked, hold)
-            .iter()
-            .filter(|contact| self.contacts.is_clear(asked, contact, &scene))
-            .cloned()
-            .collect();
-        if let Some((ends, _)) = ends {
-            let apart = known.iter().filter(|c| self.touched(asked.arm, &c.q, ends).is_none()).cloned();
-            let apart: Vec<Contact> = apart.collect();
-            if !apart.is_empty() {
-                known = apart;
-            }
-        }
-        let model = &self.problem.workcell.arms[asked.arm.0];
-        let nearest = known
-            .iter()
-            .min_by(|a, b| travel_time(model, now, &a.q).total_cmp(&travel_time(model, now, &b.q)));
-        let chosen = if self.rng.random_bool(if anew { 0.8 } else { 0.3 }) {
-            known.choose(&mut self.rng)
+        let known = self.contacts.at(asked, hold);
+        let mut order: Vec<&Contact> = known.iter().collect();
+        if self.rng.random_bool(if anew { 0.8 } else { 0.3 }) {
+            order.shuffle(&mut self.rng);
         } else {
-            nearest
-        };
-        match chosen {
+            let model = &self.problem.workcell.arms[asked.arm.0];
+            let away = |contact: &Contact| travel_time(model, now, &contact.q);
+            order.sort_by(|a, b| away(a).total_cmp(&away(b)));
+        }
+        let scene = scene_of(near);
+        let mut clear = None;
+        for contact in order {
+            if !self.contacts.is_clear(asked, contact, &scene) {
+                continue;
+            }
+            if ends.is_none_or(|(ends, _)| self.touched(asked.arm, &contact.q, ends).is_none()) {
+                return Ok(contact.clone());
+            }
+            clear.get_or_insert(contact);
+        }
+        match clear {
             Some(contact) => Ok(contact.clone()),
             None => Err(self.planner().blockers(asked, hold, near)),
         }
