@@ -19,7 +19,10 @@ pub(super) fn cylinder_box(
     let to_box = box_frame.rotation.inverse();
     let centre = to_box * (frame.translation.vector - box_frame.translation.vector);
     let axis = to_box * (frame.rotation * Vec3::z());
-    let across = axis.map(|along| (1.0 - along * along).max(0.0).sqrt());
+    // By component of the axis, the length of the others.
+    let squares = axis.component_mul(&axis);
+    let across =
+        Vec3::new(squares.y + squares.z, squares.z + squares.x, squares.x + squares.y).map(f64::sqrt);
     let gaps = centre.abs() - half - half_length * axis.abs() - radius * across;
     let face = gaps.imax();
     if gaps[face] >= need {
@@ -33,9 +36,9 @@ pub(super) fn cylinder_box(
             return end;
         }
         // The unit vector that points there, less its part along the axis.
-        let mut outwards = -axis * (sign * axis[face]);
-        outwards[face] += sign;
-        end + outwards * (radius / across[face])
+        let mut outwards = axis * (-sign * axis[face] / across[face]);
+        outwards[face] = sign * across[face];
+        end + outwards * radius
     };
     let is_over = |point: &Vec3, face: usize| (0..3).all(|i| i == face || point[i].abs() <= half[i]);
     if gaps[face] >= 0.0 {

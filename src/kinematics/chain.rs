@@ -24,7 +24,7 @@ pub(super) struct ChainStep {
     pub fixed: Pose,
     /// Axis in the joint frame.
     pub axis: Unit<Vec3>,
-    /// The rotation of the joint frame times half a turn about the axis: with it and the former any turn is a sum.
+    /// The rotation of `fixed` times half a turn about the axis: `fixed` turned by any angle is a sum of these two.
     half_turned: Quaternion<f64>,
     pub kind: StepKind,
     /// The driving joint.

@@ -76,6 +76,9 @@ mod tests {
             model.link_poses(&q, &mut poses);
             let difference = poses[model.mount].inv_mul(&model.mount_pose(&q));
             prop_assert!(difference.translation.vector.norm() + difference.rotation.angle() < 1e-7);
+            let point = crate::geometry::Vec3::new(0.1, -0.2, 0.3);
+            let placed = (model.mount_pose(&q) * nalgebra::Point3::from(point)).coords;
+            prop_assert!((model.mount_point(&q, &point) - placed).norm() < 1e-12);
         }
     }
 }

@@ -347,3 +347,88 @@ pub(super) fn shortcut(
     }
     path
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::motion::first_roadmaps;
+    use crate::run::Seed;
+    use crate::scenario::{Family, generate};
+    use crate::wire::{LibraryOnly, ReadLimits, read_problem_value};
+
+    /// Between two configurations, joined to roadmap vertices.
+    type Ends<'a> = ((&'a Config, &'a Config), (&'a [usize], &'a [usize]));
+
+    /// The length of the shortest route, by looking at all edges until none shortens anything.
+    fn shortest_length(roadmap: &Roadmap, (ends, joined): Ends<'_>, blocked: &BTreeSet<usize>) -> f64 {
+        let vertices = roadmap.vertices();
+        let mut cost = vec![f64::INFINITY; vertices.len()];
+        joined.0.iter().for_each(|&start| cost[start] = roadmap.distance(ends.0, &vertices[start]));
+        loop {
+            let before = cost.clone();
+            for vertex in 0..vertices.len() {
+                for link in
+                    roadmap.links(vertex).iter().filter(|link| !blocked.contains(&(link.edge as usize)))
+                {
+                    let next = link.next as usize;
+                    cost[next] = cost[next].min(cost[vertex] + link.length);
+                }
+            }
+            if cost == before {
+                break;
+            }
+        }
+        let last = |&goal: &usize| cost[goal] + roadmap.distance(&vertices[goal], ends.1);
+        joined.1.iter().map(last).fold(f64::INFINITY, f64::min)
+    }
+
+    #[test]
+    fn routes_stay_the_shortest_while_edges_and_ends_are_blocked() {
+        let document = generate(Family::Switch, 2, 2, 1).unwrap();
+        let problem = read_problem_value(&document, &LibraryOnly, &ReadLimits::default()).unwrap().problem;
+        let world = CollisionWorld::new(&problem);
+        let (roadmaps, _) = first_roadmaps(&problem.workcell, &world, 1, &Control::unbounded());
+        let (roadmap, arm) = (&roadmaps[0], &problem.workcell.arms[0]);
+        let mut rng = Seed(6).stream("routes");
+        let (mut found, mut none) = (0, 0);
+        for _ in 0..30 {
+            let (from, to) =
+                (super::super::roadmap::draw(arm, &mut rng), super::super::roadmap::draw(arm, &mut rng));
+            let mut starts = roadmap.nearest(&from, CONNECTIONS);
+            let mut goals = roadmap.nearest(&to, CONNECTIONS);
+            let mut blocked = BTreeSet::new();
+            let mut routes = Routes::new(roadmap, (&from, &to), (&starts, &goals), &blocked);
+            for _ in 0..40 {
+                let ends = ((&from, &to), (&starts[..], &goals[..]));
+                let least = shortest_length(roadmap, ends, &blocked);
+                let Some(route) = routes.shortest(roadmap, ends.0, ends.1, &blocked) else {
+                    assert!(least.is_infinite());
+                    none += 1;
+                    break;
+                };
+                let at = |vertex: usize| match vertex - roadmap.vertices().len().min(vertex) {
+                    _ if vertex < roadmap.vertices().len() => &roadmap.vertices()[vertex],
+                    0 => &from,
+                    _ => &to,
+                };
+                let length: f64 = route.windows(2).map(|w| roadmap.distance(at(w[0].0), at(w[1].0))).sum();
+                assert!((length - least).abs() < 1e-9, "{length} is not {least}");
+                found += 1;
+                // Any part of the route may be the one that is blocked; now and then all ways out of a vertex.
+                let part = rng.random_range(1..route.len());
+                match route[part].1 {
+                    Some(edge) => {
+                        blocked.insert(edge);
+                        let vertex = route[part].0;
+                        if rng.random_bool(0.2) {
+                            blocked.extend(roadmap.links(vertex).iter().map(|link| link.edge as usize));
+                        }
+                    }
+                    None if part == 1 => starts.retain(|start| *start != route[1].0),
+                    None => goals.retain(|goal| *goal != route[part - 1].0),
+                }
+            }
+        }
+        assert!(found > 300 && none > 3, "{found} {none}");
+    }
+}

@@ -100,7 +100,8 @@ pub(super) fn schedule(
                         next[arm] += wait;
                         next
                     };
-                    // Who is in the way even of an arm that comes when all is over, mostly is in any case.
+                    // Who is in the way even of an arm that comes when all is over, or not certified out of it, mostly is
+                    // in any case.
                     let timings = search.timings(&delays);
                     let over = ((timings[other].end - timings[arm].start) / TICK).ceil().max(0.0) as u32;
                     let at_last = search.timings(&later(over.max(LONGEST_WAIT)));

@@ -26,8 +26,9 @@ const GAUSS_THREE: [(f64, f64); 3] = [
 /// Arc length is exact to about this (rad or m) on each segment.
 const ARC_TOLERANCE: f64 = 1e-10;
 
-/// Where the rules of three and of five points differ by less (rad or m), the latter is as exact as that.
-const ALIKE: f64 = 1e-8;
+/// Where the rules of three and of five points differ by less (rad or m), the latter is taken: mostly far more exact than
+/// that, and less exact only where nearly all joints reverse within moments of each other.
+const ALIKE: f64 = 1e-9;
 
 impl Curve {
     /// Calls `visit` with joint `joint` on every segment that meets `[t0, t1]` and the part of it,

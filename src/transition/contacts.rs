@@ -43,7 +43,7 @@ pub struct Contacts<'a> {
     world: &'a CollisionWorld,
     rng: Rng,
     known: BTreeMap<Key, Entry>,
-    /// The holds in which the hand alone has room: by hand, class, surface and pose.
+    /// The holds in which the hand has room, none where the object has not: by hand, class, surface and pose.
     roomy: BTreeMap<(usize, usize, usize, Bits), Holds>,
     /// By arm, class and grasp, how often an estimate found a way by it: a guess where to look first.
     promising: BTreeMap<(usize, usize, usize), u32>,
@@ -175,7 +175,7 @@ impl<'a> Contacts<'a> {
         holds
     }
 
-    /// The holds in which the arm's gripper fits around the object and the hand alone has room:
+    /// The holds in which the arm's gripper fits around the object, and hand and object have room:
     /// cheaper than [`Self::holds`], and never less.
     pub fn possible_holds(&mut self, query: &ContactQuery) -> Vec<(usize, Pose)> {
         self.with_room(query).to_vec()

@@ -317,7 +317,10 @@ impl<'s, 'q> Sampler<'s, 'q> {
     fn into_seen(mut self) -> Seen {
         for pair in self.pairs.iter().flatten().flatten() {
             if let Some(seen) = pair.seen {
-                self.seen.insert(seen_key(self.query, &pair.giver_hold, &pair.receiver_hold), seen);
+                // Two grasps may be the same hold.
+                let key = seen_key(self.query, &pair.giver_hold, &pair.receiver_hold);
+                let known = self.seen.entry(key).or_default();
+                *known = seen.max(*known);
             }
         }
         self.seen

@@ -455,3 +455,25 @@ fn the_same_seed_gives_the_same_solutions() {
     assert_eq!(solve(3), solve(3));
     assert_ne!(solve(3), solve(4));
 }
+
+#[test]
+fn what_is_plainly_beyond_an_arm_has_no_configuration() {
+    let mut rng = crate::run::Seed(8).stream("beyond");
+    let (mut beyond, mut within) = (0, 0);
+    for model in [robot("iiwa14"), odd_seven(), robot("ur_type"), robot("panda_type")] {
+        let limits = limits(&model);
+        for _ in 0..2000 {
+            use rand::Rng as _;
+            let mut r = || rng.random_range(-1.0..1.0);
+            let target = crate::geometry::pose_from_parts([r(), r(), r()], [r(), r(), r(), r() + 1.5]);
+            let mut found = Vec::new();
+            model.inverse(&limits, &target, 4, &mut rng, &mut found);
+            if model.is_beyond(&limits, &target) {
+                assert!(found.is_empty());
+                beyond += 1;
+            }
+            within += usize::from(!found.is_empty());
+        }
+    }
+    assert!(beyond > 500 && within > 500, "{beyond} {within}");
+}
