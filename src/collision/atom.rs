@@ -407,6 +407,7 @@ mod tests {
             let upright = r(0.0, 1.0) < 0.3;
             let need = r(0.0, 0.05);
             let mut pose = random_pose(&mut rng);
+            pose.translation.vector *= 0.5;
             if upright {
                 let tilt = [0.0, 1e-9, 1e-8, 1e-7, 1e-6, 1e-3][rng.random_range(0..6)];
                 pose.rotation = nalgebra::UnitQuaternion::from_euler_angles(
@@ -435,10 +436,7 @@ mod tests {
                 touching += 1;
             }
         }
-        assert!(
-            apart > 20_000 && overlapping > 20_000 && touching < 1000,
-            "{apart} {overlapping} {touching}"
-        );
+        assert!(apart > 10_000 && overlapping > 5_000 && touching < 1000, "{apart} {overlapping} {touching}");
     }
 
     #[test]
