@@ -1,5 +1,6 @@
 //! The shortest free path of one arm, all else at rest: straight where possible, else along its
-//! roadmap with lazy edge checks (Lazy PRM*, Hauser 2015), shortcut afterwards.
+//! roadmap with lazy edge checks (Lazy PRM*, Hauser 2015), shortcut afterwards. What is ahead is found out once,
+//! backwards, and guides the searches after each edge that turns out blocked.
 
 use std::cmp::Ordering;
 use std::collections::{BTreeSet, BinaryHeap};
@@ -352,6 +353,7 @@ pub(super) fn shortcut(
 mod tests {
     use super::*;
     use crate::motion::first_roadmaps;
+    use crate::motion::roadmap::draw;
     use crate::run::Seed;
     use crate::scenario::{Family, generate};
     use crate::wire::{LibraryOnly, ReadLimits, read_problem_value};
@@ -392,8 +394,7 @@ mod tests {
         let mut rng = Seed(6).stream("routes");
         let (mut found, mut none) = (0, 0);
         for _ in 0..30 {
-            let (from, to) =
-                (super::super::roadmap::draw(arm, &mut rng), super::super::roadmap::draw(arm, &mut rng));
+            let (from, to) = (draw(arm, &mut rng), draw(arm, &mut rng));
             let mut starts = roadmap.nearest(&from, CONNECTIONS);
             let mut goals = roadmap.nearest(&to, CONNECTIONS);
             let mut blocked = BTreeSet::new();
@@ -406,10 +407,10 @@ mod tests {
                     none += 1;
                     break;
                 };
-                let at = |vertex: usize| match vertex - roadmap.vertices().len().min(vertex) {
-                    _ if vertex < roadmap.vertices().len() => &roadmap.vertices()[vertex],
-                    0 => &from,
-                    _ => &to,
+                let at = |vertex: usize| match roadmap.vertices().get(vertex) {
+                    Some(q) => q,
+                    None if vertex == roadmap.vertices().len() => &from,
+                    None => &to,
                 };
                 let length: f64 = route.windows(2).map(|w| roadmap.distance(at(w[0].0), at(w[1].0))).sum();
                 assert!((length - least).abs() < 1e-9, "{length} is not {least}");
