@@ -1,8 +1,9 @@
 //! Motions that are certified, and which of the movers' bodies may touch.
 
+use crate::geometry::lanes::Portable;
 use crate::kinematics::Config;
 
-use super::lanes::Samples;
+use super::lanes::{Cubics, Samples};
 use super::world::{CollisionWorld, Mover, Owner};
 
 /// A motion of one arm's joints over a domain.
@@ -22,9 +23,17 @@ pub trait JointMotion: Sync {
         false
     }
 
+    /// The cubics that it follows, where it does: they are sampled faster.
+    fn cubics(&self) -> Option<Cubics<'_>> {
+        None
+    }
+
     /// [`Self::at`] the middle of each interval and [`Self::deviation`] over it, rounded to single
     /// precision, deviations upwards.
     fn sample(&self, intervals: &[(f64, f64); 8], out: &mut Samples) {
+        if let Some(cubics) = self.cubics() {
+            return cubics.sample::<Portable>(intervals, out);
+        }
         out.values.clear();
         out.deviations.clear();
         for (lane, &(from, to)) in intervals.iter().enumerate() {

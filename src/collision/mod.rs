@@ -18,6 +18,7 @@ mod atom;
 mod certify;
 mod cylinder_box;
 mod hand;
+mod held;
 mod inverse;
 mod lanes;
 #[cfg(test)]
@@ -30,7 +31,7 @@ mod world;
 pub use arm_bodies::ArmBodies;
 pub use atom::Atom;
 pub use certify::{JointMotion, PathMotion, StraightMotion};
-pub use lanes::Samples;
+pub use lanes::{CubicRow, Cubics, Samples};
 pub use scene::{Exemption, Held, Scene};
 pub use sweep::Swept;
 pub use world::{CollisionWorld, Resting, Taking};

@@ -70,7 +70,7 @@ impl Mover<'_> {
         self.bodies.place(&out.links, &mut out.atoms);
         if let Some(held) = &self.held {
             let body = out.links[model.mount] * held.in_mount;
-            for atom in held.atoms {
+            for atom in held.atoms.iter() {
                 let mut placed = PlacedAtom::nowhere();
                 atom.place(&body, &mut placed);
                 out.atoms.push(placed);

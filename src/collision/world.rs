@@ -6,12 +6,13 @@ use crate::problem::Problem;
 use crate::workcell::{ArmId, ObjectId, ObstacleId, Workcell};
 use std::sync::Arc;
 
-use super::arm_bodies::{ArmBodies, Levers};
+use super::arm_bodies::ArmBodies;
 use super::atom::{Atom, PlacedAtom};
-use super::certify::{JointMotion, StraightMotion};
+use super::certify::{JointMotion, Stations, StraightMotion};
+use super::held::{HeldAtoms, HeldMemo};
 use super::lanes::{
-    Answers, Apart, Configurations, Ensemble, LaneArm, LaneHeld, LaneMover, LaneStatic, Motions, StaticBlock,
-    eighths,
+    Answers, Apart, Configurations, Ensemble, LaneArm, LaneHeld, LaneMover, LaneStatic, Motions, PairsApart,
+    StaticBlock, cut_in_eight, eighths,
 };
 use super::scene::{Exemption, Held, Scene};
 
@@ -36,18 +37,9 @@ pub(super) struct Mover<'a> {
     pub(super) base: Pose,
     pub(super) bodies: &'a ArmBodies,
     pub(super) motion: &'a dyn JointMotion,
-    /// Apart, since most arms hold nothing and movers are made for every query.
-    pub(super) held: Option<Box<HeldAtoms<'a>>>,
+    pub(super) held: Option<Arc<HeldAtoms>>,
     pub(super) exemption: Exemption,
     pub(super) lanes: LaneMover<'a>,
-}
-
-/// The atoms of a held object, on the mount link.
-pub(super) struct HeldAtoms<'a> {
-    pub(super) object: ObjectId,
-    pub(super) in_mount: Pose,
-    pub(super) atoms: &'a [Atom],
-    pub(super) levers: Levers,
 }
 
 /// The workcell and the objects, compiled for collision checks. Immutable, shared by threads.
@@ -57,7 +49,9 @@ pub struct CollisionWorld {
     pub(super) arms: Vec<ArmBodies>,
     pub(super) obstacles: Vec<WorldAtom>,
     /// Atoms of each object in its frame.
-    pub(super) objects: Vec<Vec<Atom>>,
+    pub(super) objects: Vec<Arc<[Atom]>>,
+    /// What arms were said to hold.
+    held: Arc<HeldMemo>,
     /// Clearance (m) that is certified.
     pub(super) clearance: f64,
     /// What single precision may err by (m).
@@ -122,6 +116,7 @@ impl CollisionWorld {
             arms,
             obstacles,
             objects,
+            held: Arc::default(),
             clearance,
             inflation,
             margin,
@@ -134,7 +129,8 @@ impl CollisionWorld {
 
     /// This world with the objects of another problem that has an equal workcell and clearance.
     pub fn with_objects_of(&self, problem: &Problem) -> Self {
-        Self { workcell: problem.workcell.clone(), objects: object_atoms(problem), ..self.clone() }
+        let (workcell, objects) = (problem.workcell.clone(), object_atoms(problem));
+        Self { workcell, objects, held: Arc::default(), ..self.clone() }
     }
 
     /// The clearance (m) that every check certifies.
@@ -254,6 +250,37 @@ impl CollisionWorld {
         self.first_conflict(first, second, span).is_none()
     }
 
+    /// The same over several spans in order, which are looked at together.
+    pub fn motions_apart_in(&self, first: Taking<'_>, second: Taking<'_>, spans: &[(f64, f64)]) -> bool {
+        if !self.may_meet((first.0, first.2), (second.0, second.2)) {
+            return true;
+        }
+        let a = self.mover(first.0, first.1, first.2, first.3);
+        let b = self.mover(second.0, second.1, second.2, second.3);
+        spans.chunks(8).all(|spans| {
+            let pieces = cut_in_eight(spans);
+            self.set.run(Apart { world: self, first: &a, second: &b, pieces: &pieces }).is_none()
+        })
+    }
+
+    /// At which of `pairs` of their configurations two arms, with what they hold, are clear of each other.
+    pub fn each_apart(
+        &self,
+        first: (ArmId, Option<&Held>, Exemption),
+        second: (ArmId, Option<&Held>, Exemption),
+        pairs: &[(&[f64], &[f64])],
+    ) -> Vec<bool> {
+        if !self.may_meet((first.0, first.1), (second.0, second.1)) {
+            return vec![true; pairs.len()];
+        }
+        let (ours, theirs): (Vec<&[f64]>, Vec<&[f64]>) = pairs.iter().copied().unzip();
+        let (ours, theirs) = (Stations(&ours), Stations(&theirs));
+        let a = self.mover(first.0, &ours, first.1, first.2);
+        let b = self.mover(second.0, &theirs, second.1, second.2);
+        let (first, second) = ((&a, &ours), (&b, &theirs));
+        self.set.run(PairsApart { world: self, first, second, count: pairs.len() }).into_vec()
+    }
+
     /// A time around which two arms' motions fail to be certified apart in `span`, if there is one.
     pub fn first_conflict(
         &self,
@@ -311,7 +338,7 @@ impl CollisionWorld {
         let mut lanes = Vec::new();
         let to_lanes = Pose::translation(-self.origin.x, -self.origin.y, -self.origin.z);
         for (object, pose) in &scene.resting {
-            for atom in self.objects.get(object.0).into_iter().flatten() {
+            for atom in self.objects.get(object.0).into_iter().flat_map(|atoms| atoms.iter()) {
                 atoms.push(WorldAtom {
                     atom: atom.clone(),
                     at: atom.placed(pose),
@@ -359,7 +386,8 @@ impl CollisionWorld {
         let mut others = scene.resting.iter().filter(|(other, _)| *other != object);
         obstacles.all(|other| clear_of(&other.atom, &other.at))
             && others.all(|(other, pose)| {
-                self.objects.get(other.0).into_iter().flatten().all(|atom| clear_of(atom, &atom.placed(pose)))
+                let atoms = self.objects.get(other.0).into_iter().flat_map(|atoms| atoms.iter());
+                atoms.into_iter().all(|atom| clear_of(atom, &atom.placed(pose)))
             })
     }
 
@@ -385,16 +413,18 @@ impl CollisionWorld {
         held: Option<&Held>,
         exemption: Exemption,
     ) -> Mover<'a> {
-        let bodies = &self.arms[arm.0];
-        let model = &self.workcell.arms[arm.0];
-        let held = held.map(|held| {
+        let (bodies, model, lane_arm) =
+            (&self.arms[arm.0], &self.workcell.arms[arm.0], &self.lane_arms[arm.0]);
+        let make = |held: &Held| {
             let in_mount = model.tool.tcp * held.object_in_tcp;
-            let atoms = self.objects[held.object.0].as_slice();
+            let atoms = self.objects[held.object.0].clone();
             let levers = bodies.held_levers(self.held_radius(arm, held));
-            Box::new(HeldAtoms { object: held.object, in_mount, atoms, levers })
-        });
-        let lane_arm = &self.lane_arms[arm.0];
-        let lane_held = held.as_ref().map(|held| Box::new(LaneHeld::new(lane_arm, held)));
+            let held = HeldAtoms { object: held.object, in_mount, atoms, levers };
+            let lanes = LaneHeld::new(lane_arm, &held);
+            (Arc::new(held), Arc::new(lanes))
+        };
+        let in_hand = held.map(|held| self.held.get(arm, held, || make(held)));
+        let (held, lane_held) = in_hand.unzip();
         let lanes = LaneMover { arm: lane_arm, held: lane_held };
         Mover { arm, base: model.base, bodies, motion, held, exemption, lanes }
     }
@@ -425,7 +455,7 @@ fn arm_bodies(workcell: &Workcell) -> Vec<ArmBodies> {
 }
 
 /// The atoms of each object in its frame.
-fn object_atoms(problem: &Problem) -> Vec<Vec<Atom>> {
+fn object_atoms(problem: &Problem) -> Vec<Arc<[Atom]>> {
     problem.objects.iter().map(|object| object.shapes.iter().map(Atom::new).collect()).collect()
 }
 

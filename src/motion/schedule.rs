@@ -178,11 +178,22 @@ type Timed<'a> = (usize, &'a ArmMotion, &'a CurveTable);
 /// Whether two arms are certified apart within `spans` of time.
 fn pair_apart(world: &CollisionWorld, first: Timed<'_>, second: Timed<'_>, spans: &[(f64, f64)]) -> bool {
     let ((i, a, a_table), (j, b, b_table)) = (first, second);
-    common_pieces(a, b, spans).all(|(span, first, second)| {
-        world.motions_apart(
-            (ArmId(i), &CurveMotion { curve: &a.curve, table: a_table, span }, a.held.as_ref(), first),
-            (ArmId(j), &CurveMotion { curve: &b.curve, table: b_table, span }, b.held.as_ref(), second),
-            span,
+    // What may touch is mostly the same.
+    let mut alike: Vec<((Exemption, Exemption), Vec<(f64, f64)>)> = Vec::new();
+    for (span, first, second) in common_pieces(a, b, spans) {
+        match alike.iter_mut().find(|(exemptions, _)| *exemptions == (first, second)) {
+            Some((_, spans)) => spans.push(span),
+            None => alike.push(((first, second), vec![span])),
+        }
+    }
+    alike.iter().all(|((first, second), spans)| {
+        let Some(span) = spans.first().zip(spans.last()).map(|(first, last)| (first.0, last.1)) else {
+            return true;
+        };
+        world.motions_apart_in(
+            (ArmId(i), &CurveMotion { curve: &a.curve, table: a_table, span }, a.held.as_ref(), *first),
+            (ArmId(j), &CurveMotion { curve: &b.curve, table: b_table, span }, b.held.as_ref(), *second),
+            spans,
         )
     })
 }

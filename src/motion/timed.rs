@@ -1,6 +1,6 @@
 //! Timed motions: curves with the windows in which contacts are exempt.
 
-use crate::collision::{Exemption, Held, JointMotion, Samples};
+use crate::collision::{Cubics, Exemption, Held, JointMotion};
 use crate::kinematics::Config;
 use crate::trajectory::{Curve, CurveTable};
 
@@ -85,12 +85,9 @@ impl JointMotion for CurveMotion<'_> {
         self.span
     }
 
-    fn sample(&self, intervals: &[(f64, f64); 8], out: &mut Samples) {
-        out.resize(self.table.joints());
-        let mut hint = 0;
-        for (lane, interval) in intervals.iter().enumerate() {
-            self.table.sample(*interval, &mut hint, |joint, value, stray| out.set(joint, lane, value, stray));
-        }
+    fn cubics(&self) -> Option<Cubics<'_>> {
+        let table = self.table;
+        Some(Cubics { joints: table.joints(), times: table.times(), rows: table.rows(), instants: false })
     }
 }
 
@@ -112,14 +109,66 @@ impl JointMotion for Instants<'_> {
         self.0.span()
     }
 
-    fn sample(&self, intervals: &[(f64, f64); 8], out: &mut Samples) {
-        out.resize(self.0.table.joints());
-        let mut hint = 0;
-        for (lane, (from, to)) in intervals.iter().enumerate() {
-            let instant = (from + to) / 2.0;
-            self.0.table.sample((instant, instant), &mut hint, |joint, value, _| {
-                out.set(joint, lane, value, 0.0);
-            });
+    fn cubics(&self) -> Option<Cubics<'_>> {
+        Some(Cubics { instants: true, ..self.0.cubics()? })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use rand::Rng as _;
+
+    use super::*;
+    use crate::collision::Samples;
+    use crate::run::Seed;
+    use crate::trajectory::CurvePoint;
+
+    /// A curve through random points.
+    fn random_curve(joints: usize, count: usize, rng: &mut crate::run::Rng) -> Curve {
+        let mut t = -1.0;
+        let points = (0..count).map(|_| {
+            t += rng.random_range(0.05..0.7);
+            let mut many = |size: f64| -> Config { (0..joints).map(|_| rng.random_range(-size..size)).collect() };
+            CurvePoint { t, q: many(2.0), qd: many(1.5) }
+        });
+        Curve::new(points.collect()).unwrap()
+    }
+
+    #[test]
+    fn samples_hold_what_the_curve_does() {
+        let mut rng = Seed(5).stream("table");
+        for case in 0..300 {
+            let (joints, count) = ([1, 6, 7, 8, 11][case % 5], rng.random_range(1..30));
+            let curve = random_curve(joints, count, &mut rng);
+            let (table, end) = (CurveTable::new(&curve), curve.end_time());
+            let motion = CurveMotion { curve: &curve, table: &table, span: (-1.0, end) };
+            for _ in 0..5 {
+                let intervals: [(f64, f64); 8] = std::array::from_fn(|lane| {
+                    let from = rng.random_range(-1.5..end + 0.5);
+                    (from, from + [1e-4, 0.05, 1.0][lane % 3])
+                });
+                let mut found = Samples::default();
+                motion.sample(&intervals, &mut found);
+                let mut still = Samples::default();
+                let instants = Instants(CurveMotion { curve: &curve, table: &table, span: (-1.0, end) });
+                instants.sample(&intervals, &mut still);
+                assert_eq!((found.values.len(), found.deviations.len()), (joints, joints));
+                for (lane, (from, to)) in intervals.into_iter().enumerate() {
+                    let middle = (from + to) / 2.0;
+                    let truth = curve.position_at(middle);
+                    let exact = curve.displacement_from(middle, from, to);
+                    for joint in 0..joints {
+                        let (value, stray) = (found.values[joint][lane], f64::from(found.deviations[joint][lane]));
+                        assert!((f64::from(value) - truth[joint]).abs() < 1e-5);
+                        assert!(stray + 1e-5 >= exact[joint], "{stray} {}", exact[joint]);
+                        // And not much more on short intervals, where nearly all is velocity.
+                        if to - from < 1e-3 {
+                            assert!(stray < 1.2 * exact[joint] + 1e-4, "{stray} {}", exact[joint]);
+                        }
+                        assert_eq!((still.values[joint][lane], still.deviations[joint][lane]), (value, 0.0));
+                    }
+                }
+            }
         }
     }
 }

@@ -334,26 +334,38 @@ impl Search<'_> {
         !matches!(found, Leads::Nowhere)
     }
 
-    /// Whether the arms are apart at some contact of each end, before the two actions and after them.
+    /// Whether the arms are apart at some contact of each end, before the two actions and after them. The contacts of an
+    /// end are all in one hold.
     fn some_apart(&self, ends: [&End; 2], contacts: [&[Contact]; 2], look: &mut Look<'_>) -> bool {
+        let [[one, ..], [two, ..]] = contacts else { return false };
         let held = |end: &End, contact: &Contact, when: RestAction| {
             let holds = end.carry.action == when;
             holds.then_some(Held { object: end.carry.object, object_in_tcp: contact.object_in_tcp })
         };
+        // Who places holds the object before, who picks afterwards.
+        let times = [RestAction::Place, RestAction::Pick].map(|when| [held(ends[0], one, when), held(ends[1], two, when)]);
         let none = Exemption::default();
-        contacts[0].iter().any(|a| {
-            contacts[1].iter().any(|b| {
-                look.compared += 1;
-                // Who places holds the object before, who picks afterwards.
-                [RestAction::Place, RestAction::Pick].into_iter().all(|when| {
-                    let [one, two] = [held(ends[0], a, when), held(ends[1], b, when)];
-                    self.grounder.world.arms_apart(
-                        (ends[0].arm, &a.q, one.as_ref(), none),
-                        (ends[1].arm, &b.q, two.as_ref(), none),
-                    )
-                })
-            })
-        })
+        let pairs = contacts[0].iter().flat_map(|a| contacts[1].iter().map(move |b| (&a.q[..], &b.q[..])));
+        let mut left: Vec<(&[f64], &[f64])> = pairs.collect();
+        // Mostly the first are apart.
+        let mut batch = 1;
+        while !left.is_empty() {
+            let rest = left.split_off(batch.min(left.len()));
+            look.compared += left.len();
+            for [one, two] in &times {
+                let sides = ((ends[0].arm, one.as_ref(), none), (ends[1].arm, two.as_ref(), none));
+                let mut apart = self.grounder.world.each_apart(sides.0, sides.1, &left).into_iter();
+                left.retain(|_| apart.next().unwrap_or(false));
+                if left.is_empty() {
+                    break;
+                }
+            }
+            if !left.is_empty() {
+                return true;
+            }
+            (left, batch) = (rest, 8);
+        }
+        false
     }
 }
 

@@ -22,7 +22,7 @@ mod time_path;
 pub use curve::{Curve, CurveError, CurvePoint, MIN_SPACING_S};
 pub use limits::{LimitKind, LimitViolation};
 pub use profile::minimum_time;
-pub use table::CurveTable;
+pub use table::{CurveTable, TableRow};
 pub use time_path::{TimingError, time_path};
 
 #[cfg(test)]

@@ -3,6 +3,7 @@
 use smallvec::SmallVec;
 
 use super::broad::{self, Candidate, Candidates};
+use super::cubics;
 use super::exact::Exact;
 use super::narrow::{Scenery, look};
 use super::place::{Limbs, PlacedArm};
@@ -39,6 +40,15 @@ pub(in crate::collision) struct Apart<'a> {
     pub(in crate::collision) second: &'a Mover<'a>,
     /// Pieces to begin with, in order; at most eight.
     pub(in crate::collision) pieces: &'a [(f64, f64)],
+}
+
+/// At which of some pairs of configurations two arms at rest are apart.
+pub(in crate::collision) struct PairsApart<'a> {
+    pub(in crate::collision) world: &'a CollisionWorld,
+    pub(in crate::collision) first: (&'a Mover<'a>, &'a Stations<'a>),
+    pub(in crate::collision) second: (&'a Mover<'a>, &'a Stations<'a>),
+    /// How many pairs there are.
+    pub(in crate::collision) count: usize,
 }
 
 impl Kernel for Configurations<'_> {
@@ -93,7 +103,7 @@ impl Kernel for Motions<'_, '_> {
             work.begin(&pieces[..count]);
             let mut blocked = false;
             while let Some(job) = work.next() {
-                motion.sample(&job.pieces, &mut at.samples);
+                cubics::sample::<F>(*motion, &job.pieces, &mut at.samples);
                 at.place(&mover.lanes, still);
                 if job.is_fresh {
                     limbs.clear();
@@ -141,9 +151,9 @@ impl Kernel for Apart<'_> {
         let mut work = Work::new();
         work.begin(pieces);
         while let Some(job) = work.next() {
-            first.motion.sample(&job.pieces, &mut at.samples);
+            cubics::sample::<F>(first.motion, &job.pieces, &mut at.samples);
             at.place(&first.lanes, still);
-            second.motion.sample(&job.pieces, &mut other_at.samples);
+            cubics::sample::<F>(second.motion, &job.pieces, &mut other_at.samples);
             other_at.place(&second.lanes, still);
             let mut swift = 0;
             if job.is_fresh {
@@ -176,6 +186,64 @@ impl Kernel for Apart<'_> {
         }
         None
     }
+}
+
+impl Kernel for PairsApart<'_> {
+    type Output = Answers;
+
+    #[inline(always)]
+    fn run<F: Float8>(self) -> Answers {
+        let Self { world, first: (first, ours), second: (second, theirs), count } = self;
+        let scenery = Scenery { world, first, second: Some(second), resting: &[] };
+        let mut exact = Exact::new(world, (first, ours), Some((second, theirs)), &[]);
+        let (mut at, mut other_at) = (PlacedArm::<F>::new(), PlacedArm::<F>::new());
+        let (mut limbs, mut others) = (Limbs::new(), Limbs::new());
+        let mut candidates = Candidates::new();
+        let mut apart = Answers::new();
+        for batch in (0..count).step_by(8) {
+            ours.sample_batch(batch, &mut at.samples);
+            at.place(&first.lanes, true);
+            limbs.clear();
+            at.place_limbs(&first.lanes, &mut limbs);
+            theirs.sample_batch(batch, &mut other_at.samples);
+            other_at.place(&second.lanes, true);
+            others.clear();
+            other_at.place_limbs(&second.lanes, &mut others);
+            let here = (count - batch).min(8);
+            let (boxes, other_boxes) = ((&at.low, &at.high), (&other_at.low, &other_at.high));
+            let among = broad::boxes_meet(world, boxes, other_boxes, Bits8::MAX >> (8 - here));
+            let near = broad::limbs_near(world, ((&limbs, &others), boxes, other_boxes), among);
+            candidates.clear();
+            broad::between_arms(world, (first, second), &near, &mut candidates);
+            let middles = std::array::from_fn(|lane| (batch + lane) as f64);
+            let mut blocked: Bits8 = 0;
+            for candidate in &mut candidates {
+                candidate.lanes &= !blocked;
+                if candidate.lanes != 0 {
+                    let found = look(&scenery, candidate, (&at, Some(&other_at)), &middles, &mut exact);
+                    blocked |= found.blocked | found.open;
+                }
+            }
+            apart.extend((0..here).map(|n| blocked >> n & 1 == 0));
+        }
+        apart
+    }
+}
+
+/// Up to eight spans, in order, in eight pieces or one each: the longest pieces are halved, cut in three, and so on.
+pub(in crate::collision) fn cut_in_eight(spans: &[(f64, f64)]) -> SmallVec<[(f64, f64); 8]> {
+    let mut parts: SmallVec<[u32; 8]> = SmallVec::from_elem(1, spans.len());
+    for _ in spans.len()..8 {
+        let length = |n: usize| (spans[n].1 - spans[n].0) / f64::from(parts[n]);
+        let Some(longest) = (0..spans.len()).max_by(|a, b| length(*a).total_cmp(&length(*b))) else { break };
+        parts[longest] += 1;
+    }
+    let mut pieces = SmallVec::new();
+    for (&(from, to), parts) in spans.iter().zip(parts) {
+        let edge = |n: u32| from + (to - from) * f64::from(n) / f64::from(parts);
+        pieces.extend((0..parts).map(|n| (edge(n), edge(n + 1))));
+    }
+    pieces
 }
 
 /// A span in eight pieces, of which only the first counts where nothing moves.

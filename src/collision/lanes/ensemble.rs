@@ -3,6 +3,7 @@
 use smallvec::SmallVec;
 
 use super::broad::{self, Candidates};
+use super::cubics;
 use super::exact::Exact;
 use super::narrow::{Scenery, look};
 use super::place::{Limbs, PlacedArm};
@@ -56,7 +57,7 @@ impl Kernel for Ensemble<'_> {
         let mut candidates = Candidates::new();
         let mut at = PlacedArm::<F>::new();
         for mover in self.movers {
-            mover.motion.sample(&pieces, &mut at.samples);
+            cubics::sample::<F>(mover.motion, &pieces, &mut at.samples);
             at.place(&mover.lanes, false);
             let first = limbs.len();
             at.place_limbs(&mover.lanes, &mut limbs);
@@ -125,7 +126,7 @@ impl<F: Float8> Closer<F> {
     fn place(&mut self, number: usize, mover: &Mover<'_>, pieces: &[(f64, f64); 8]) -> &PlacedArm<F> {
         if self.number != Some(number) {
             self.number = Some(number);
-            mover.motion.sample(pieces, &mut self.at.samples);
+            cubics::sample::<F>(mover.motion, pieces, &mut self.at.samples);
             self.at.place(&mover.lanes, false);
         }
         &self.at

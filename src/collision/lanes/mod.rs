@@ -11,6 +11,7 @@ mod arm;
 mod broad;
 mod certify;
 mod core;
+mod cubics;
 mod ensemble;
 mod exact;
 mod impossible;
@@ -26,8 +27,9 @@ mod tight;
 mod tests;
 
 pub(super) use arm::LaneArm;
-pub(super) use certify::{Answers, Apart, Configurations, Motions, eighths};
+pub(super) use certify::{Answers, Apart, Configurations, Motions, PairsApart, cut_in_eight, eighths};
 pub(super) use core::{LaneStatic, StaticBlock};
+pub use cubics::{CubicRow, Cubics};
 pub(super) use ensemble::Ensemble;
 pub use mover::Samples;
 pub(super) use mover::{LaneHeld, LaneMover};

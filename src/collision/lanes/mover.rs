@@ -1,10 +1,12 @@
 //! An arm that takes part in a query, and where its joints are at eight instants.
 
+use std::sync::Arc;
+
 use smallvec::SmallVec;
 
 use super::arm::{LaneArm, LaneAtom, Limb, row, swings};
 use super::core::LaneCapsule;
-use crate::collision::world::HeldAtoms;
+use crate::collision::held::HeldAtoms;
 use crate::geometry::Vec3;
 
 /// Joint values and how far they stray, at eight instants.
@@ -35,7 +37,7 @@ impl Samples {
 /// An arm in a query.
 pub(in crate::collision) struct LaneMover<'a> {
     pub(in crate::collision) arm: &'a LaneArm,
-    pub(in crate::collision) held: Option<Box<LaneHeld>>,
+    pub(in crate::collision) held: Option<Arc<LaneHeld>>,
 }
 
 /// A held object.
@@ -66,7 +68,7 @@ impl<'a> LaneMover<'a> {
 
 impl LaneHeld {
     /// The held object's lanes on `arm`.
-    pub(in crate::collision) fn new(arm: &LaneArm, held: &HeldAtoms<'_>) -> Self {
+    pub(in crate::collision) fn new(arm: &LaneArm, held: &HeldAtoms) -> Self {
         let (frame, mount) = &arm.mount;
         let body = mount * held.in_mount;
         let levers = row(&held.levers);

@@ -2,7 +2,7 @@
 
 use smallvec::SmallVec;
 
-use super::broad;
+use super::{broad, cubics};
 use super::place::{Limbs, PlacedArm, StoredLimb};
 use crate::collision::world::{CollisionWorld, Mover};
 use crate::geometry::lanes::{Bits8, Float8, Kernel, V3};
@@ -42,7 +42,7 @@ impl Kernel for Sweep<'_> {
         let (mut at, mut limbs) = (PlacedArm::<F>::new(), Limbs::new());
         let mut batches = SmallVec::new();
         for pieces in self.pieces {
-            mover.motion.sample(pieces, &mut at.samples);
+            cubics::sample::<F>(mover.motion, pieces, &mut at.samples);
             at.place(&mover.lanes, false);
             limbs.clear();
             at.place_limbs(&mover.lanes, &mut limbs);

@@ -25,6 +25,7 @@ mod tests;
 pub use box_box::{Box8, box_box_gap};
 pub use dispatch::{InstructionSet, Kernel};
 pub use float8::{Bits8, Float8, V3, add3, column_sum, dot3, scale3, splat3, square3, sub3};
+pub use portable::Portable;
 pub use segment_box::{segment_box_outside, segment_box_squared};
 pub use segment_segment::{Segment8, lengths, segment_segment_squared};
 pub use trigonometry::sin_cos;

@@ -10,7 +10,7 @@ use super::float8::{Bits8, Float8};
 /// Eight f32 side by side; products and sums are rounded each for itself.
 #[derive(Clone, Copy)]
 #[repr(align(32))]
-pub(super) struct Portable([f32; 8]);
+pub struct Portable([f32; 8]);
 
 /// Applies an expression to every lane.
 macro_rules! each {

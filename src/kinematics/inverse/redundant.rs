@@ -21,6 +21,8 @@ const BLIND_DRAWS: usize = 8;
 const SWEEP: usize = 36;
 /// Two solutions whose joints all agree within this (rad) are one.
 const SAME: f64 = 1e-7;
+/// What angles (rad) may err by.
+const ROUNDING: f64 = 1e-6;
 
 impl SphericalSeven {
     /// Up to `max` solutions within `limits`, spread over psi and the branches.
@@ -73,7 +75,7 @@ impl SphericalSeven {
         out: &mut Vec<Config>,
     ) {
         let mut windows = SmallVec::new();
-        self.windows(aim, limits, near, None, &mut windows);
+        self.windows(aim, limits, near, &mut windows);
         if windows.is_empty() {
             return;
         }
@@ -119,14 +121,16 @@ impl SphericalSeven {
             // The limits do not ask for another psi.
             return None;
         }
-        let aim = self.aim(target, Some(seed))?;
+        // The shoulder turns at least as far as psi, less the least rotation, and at most by the steps of its joints.
+        let (aim, turn) = self.aim_one(target, seed, elbow)?;
+        let farthest = 3.0 * max_step + turn + ROUNDING;
         let mut windows = SmallVec::new();
-        self.windows(&aim, limits, seed, Some(same), &mut windows);
+        self.elbow_windows((elbow, &aim), limits, seed, Some((same, farthest)), &mut windows);
         windows
             .iter()
             .filter_map(|window| {
                 let psi = nearest_to_zero(window);
-                self.angles(&aim.elbows[elbow], psi, seed).within(window.branch, limits, seed)
+                self.angles(&aim, psi, seed).within(window.branch, limits, seed)
             })
             .filter(|q| within_step(q, seed, max_step))
             .min_by(|a, b| square(a, seed).total_cmp(&square(b, seed)))
@@ -162,7 +166,7 @@ impl SphericalSeven {
         }
         if best.is_none() {
             let mut windows = SmallVec::new();
-            self.windows(&aim, limits, reference, None, &mut windows);
+            self.windows(&aim, limits, reference, &mut windows);
             for window in &windows {
                 let psi = (window.from + window.to) / 2.0;
                 if let Some((cost, q)) = cost_at(window.branch, psi) {

@@ -13,6 +13,7 @@ use nalgebra::Matrix3;
 use smallvec::SmallVec;
 
 use super::angles::{fit, turn_between};
+use super::arctangent::atan2_each;
 use super::euler::{AxisTriple, Side};
 use crate::geometry::{Pose, Vec3};
 use crate::kinematics::JointLimits;
@@ -142,6 +143,15 @@ impl SphericalSeven {
         let Bearing { goal, direction, elbows } = self.bearing(target)?;
         let before = reference.map(|q| self.shoulder_rotation(q));
         Some(Aim { elbows: elbows.map(|q4| self.aim_elbow(q4, &goal, &direction, before.as_ref())) })
+    }
+
+    /// One elbow of [`Self::aim`], and the angle (rad) of the least rotation that it speaks of.
+    pub fn aim_one(&self, target: &Pose, reference: &[f64; 7], elbow: usize) -> Option<(ElbowAim, f64)> {
+        let Bearing { goal, direction, elbows } = self.bearing(target)?;
+        let (q4, before) = (elbows[elbow], self.shoulder_rotation(reference));
+        let start = before * (self.upper + turn_about(&self.elbow_axis, q4) * self.lower);
+        let turn = start.cross(&direction).norm().atan2(start.dot(&direction));
+        Some((self.aim_elbow(q4, &goal, &direction, Some(&before)), turn))
     }
 
     /// Whether the wrist cannot get to the target, or the elbow cannot bend as that takes.
@@ -278,47 +288,55 @@ impl SphericalSeven {
         possible.then(|| self.angles_at(aim, (sine, cosine), hold))
     }
 
-    /// All windows of psi, in (-pi, pi] and a turn on, within which some branch, or the one of `only`,
-    /// respects `limits`. Exact: each bound of a joint is crossed where an expression linear in cos psi and sin psi
-    /// vanishes.
+    /// All windows of psi, in (-pi, pi] and a turn on, within which some branch respects `limits`.
     pub fn windows(
         &self,
         aim: &Aim,
         limits: &[JointLimits],
         near: &[f64; 7],
-        only: Option<Branch>,
         out: &mut SmallVec<[Window; 32]>,
     ) {
         out.clear();
-        let middles = self.middles(limits);
-        let is_asked = |branch: Branch| only.is_none_or(|only| only == branch);
         for (elbow, of_elbow) in aim.elbows.iter().enumerate() {
-            if only.is_some_and(|only| only.elbow != elbow) {
+            self.elbow_windows((elbow, of_elbow), limits, near, None, out);
+        }
+    }
+
+    /// Adds the windows of one elbow (with its index), or those of one of its branches that come as near to psi = 0 as
+    /// is said (rad). Exact: each bound of a joint is crossed where an expression linear in cos psi and sin psi
+    /// vanishes.
+    pub fn elbow_windows(
+        &self,
+        (elbow, aim): (usize, &ElbowAim),
+        limits: &[JointLimits],
+        near: &[f64; 7],
+        only: Option<(Branch, f64)>,
+        out: &mut SmallVec<[Window; 32]>,
+    ) {
+        if fit(aim.q4, &limits[3], near[3]).is_none() {
+            return;
+        }
+        let middles = self.middles(limits);
+        let mut cuts: SmallVec<[f64; 32]> = SmallVec::new();
+        aim.shoulder.limit_crossings(&limits[0..3], self.shoulder.shift, &mut cuts);
+        aim.wrist.limit_crossings(&limits[4..7], self.wrist.shift, &mut cuts);
+        cuts.sort_by(f64::total_cmp);
+        if cuts.is_empty() {
+            cuts.push(-std::f64::consts::PI);
+        }
+        for (index, &from) in cuts.iter().enumerate() {
+            let to = cuts.get(index + 1).copied().unwrap_or(cuts[0] + TAU);
+            if to - from < 1e-12 || only.is_some_and(|(_, most)| away_from_zero(from, to) > most) {
                 continue;
             }
-            if fit(of_elbow.q4, &limits[3], near[3]).is_none() {
-                continue;
-            }
-            let mut cuts: SmallVec<[f64; 32]> = SmallVec::new();
-            of_elbow.shoulder.limit_crossings(&limits[0..3], self.shoulder.shift, &mut cuts);
-            of_elbow.wrist.limit_crossings(&limits[4..7], self.wrist.shift, &mut cuts);
-            cuts.sort_by(f64::total_cmp);
-            if cuts.is_empty() {
-                cuts.push(-std::f64::consts::PI);
-            }
-            for (index, &from) in cuts.iter().enumerate() {
-                let to = cuts.get(index + 1).copied().unwrap_or(cuts[0] + TAU);
-                if to - from < 1e-12 {
-                    continue;
-                }
-                let middle = (from + to) / 2.0;
-                let Some(angles) = self.angles_if(of_elbow, middle, near, &middles) else { continue };
-                for shoulder in Side::BOTH {
-                    for wrist in Side::BOTH {
-                        let branch = Branch { elbow, shoulder, wrist };
-                        if is_asked(branch) && angles.within(branch, limits, near).is_some() {
-                            out.push(Window { from, to, branch });
-                        }
+            let middle = (from + to) / 2.0;
+            let Some(angles) = self.angles_if(aim, middle, near, &middles) else { continue };
+            for shoulder in Side::BOTH {
+                for wrist in Side::BOTH {
+                    let branch = Branch { elbow, shoulder, wrist };
+                    let is_asked = only.is_none_or(|(only, _)| only == branch);
+                    if is_asked && angles.within(branch, limits, near).is_some() {
+                        out.push(Window { from, to, branch });
                     }
                 }
             }
@@ -444,18 +462,24 @@ fn cosines(limit: &JointLimits, shift: f64) -> [f64; 2] {
     [least - 1e-8, most + 1e-8]
 }
 
+/// How far (rad) psi at least is from 0, or from a turn, between two angles in (-pi, 3 pi], ascending.
+fn away_from_zero(from: f64, to: f64) -> f64 {
+    let [zero, turn] = [0.0, TAU].map(|turn| 0.0_f64.max(from - turn).min(to - turn).abs());
+    zero.min(turn)
+}
+
 fn combine(a: [f64; 3], x: f64, b: [f64; 3], y: f64) -> [f64; 3] {
     [0, 1, 2].map(|i| a[i] * x + b[i] * y)
 }
 
 /// Adds the psi where constant + even cos psi + odd sin psi vanishes.
 fn vanishing([constant, even, odd]: [f64; 3], cuts: &mut SmallVec<[f64; 32]>) {
-    let size = even.hypot(odd);
-    if size < 1e-14 || constant.abs() > size {
+    let square = even * even + odd * odd;
+    let rest = square - constant * constant;
+    if square < 1e-28 || rest < 0.0 {
         return;
     }
-    let phase = odd.atan2(even);
-    let half = (-constant / size).acos();
+    let [phase, half] = atan2_each([odd, rest.sqrt()], [even, -constant]);
     for psi in [phase + half, phase - half] {
         cuts.push((psi + std::f64::consts::PI).rem_euclid(TAU) - std::f64::consts::PI);
     }

@@ -1,0 +1,67 @@
+//! What arms hold, made ready for checks: queries ask about the same few objects in the same hands again and again.
+
+use std::sync::{Arc, Mutex, PoisonError};
+
+use super::arm_bodies::Levers;
+use super::atom::Atom;
+use super::lanes::LaneHeld;
+use super::scene::Held;
+use crate::geometry::Pose;
+use crate::workcell::{ArmId, ObjectId};
+
+/// How many are remembered; of more the oldest are forgotten.
+const MOST: usize = 32;
+
+/// The atoms of a held object, on the mount link.
+pub(super) struct HeldAtoms {
+    pub(super) object: ObjectId,
+    pub(super) in_mount: Pose,
+    pub(super) atoms: Arc<[Atom]>,
+    pub(super) levers: Levers,
+}
+
+/// The same, and in lanes.
+pub(super) type InHand = (Arc<HeldAtoms>, Arc<LaneHeld>);
+
+/// Objects in hands that were asked about last. What is remembered is what would be made anew.
+#[derive(Default)]
+pub(super) struct HeldMemo(Mutex<Recent>);
+
+#[derive(Default)]
+struct Recent {
+    asked: Vec<(ArmId, Held)>,
+    made: Vec<InHand>,
+    /// Which is the oldest, once there are [`MOST`].
+    oldest: usize,
+}
+
+impl HeldMemo {
+    /// What `arm` holds, by `make` where nobody asked for it lately.
+    pub(super) fn get(&self, arm: ArmId, held: &Held, make: impl FnOnce() -> InHand) -> InHand {
+        let lock = || self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let asked = (arm, *held);
+        {
+            let recent = lock();
+            if let Some(at) = recent.asked.iter().position(|known| *known == asked) {
+                return recent.made[at].clone();
+            }
+        }
+        let made = make();
+        let mut recent = lock();
+        if recent.asked.len() < MOST {
+            recent.asked.push(asked);
+            recent.made.push(made.clone());
+        } else {
+            let at = recent.oldest;
+            (recent.asked[at], recent.made[at]) = (asked, made.clone());
+            recent.oldest = (at + 1) % MOST;
+        }
+        made
+    }
+}
+
+impl std::fmt::Debug for HeldMemo {
+    fn fmt(&self, formatter: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        formatter.debug_struct("HeldMemo").finish_non_exhaustive()
+    }
+}
