@@ -233,7 +233,7 @@ impl<'a> StepPlanner<'a> {
                 break;
             }
             known.forget(&fresh);
-            match schedule(self.world, task, &legs, &mut known, control) {
+            match schedule(self.world, task, &legs, &mut known, self.is_hasty, control) {
                 Ok(motion) => return Ok(motion),
                 Err(None) => return Err(failure.unwrap_or(StepFailure::Stopped)),
                 Err(Some(conflict)) => {

@@ -22,6 +22,9 @@ const TICK: f64 = 0.15;
 
 /// By how many ticks more an arm may wait for another at once, in the order in which it is tried.
 const WAITS: [u32; 12] = [1, 2, 3, 4, 6, 8, 11, 15, 20, 27, 36, LONGEST_WAIT];
+
+/// The same where time is short.
+const HASTY_WAITS: [u32; 6] = [2, 4, 8, 15, 27, LONGEST_WAIT];
 const LONGEST_WAIT: u32 = 48;
 
 /// Nodes that are opened at most.
@@ -55,12 +58,13 @@ impl PairTimes {
 }
 
 /// Finds delays under which all legs are certified apart. `known` holds what was found out about pairs
-/// of these legs before, and takes in what is found out now.
+/// of these legs before, and takes in what is found out now. In haste fewer waits are tried.
 pub(super) fn schedule(
     world: &CollisionWorld,
     task: &StepTask,
     legs: &[Legs],
     known: &mut PairTimes,
+    is_hasty: bool,
     control: &Control,
 ) -> Result<StepMotion, Option<Conflict>> {
     let mut search = Search::new(world, task, legs, known);
@@ -110,7 +114,8 @@ pub(super) fn schedule(
                     {
                         continue;
                     }
-                    let passing = WAITS.iter().find_map(|wait| {
+                    let waits = if is_hasty { &HASTY_WAITS[..] } else { &WAITS[..] };
+                    let passing = waits.iter().find_map(|wait| {
                         let next = later(*wait);
                         let timings = search.timings(&next);
                         search.is_apart(conflict, &timings, true).then_some(next)

@@ -85,6 +85,10 @@ impl JointMotion for CurveMotion<'_> {
         self.span
     }
 
+    fn stands_still(&self) -> bool {
+        self.curve.stands_still()
+    }
+
     fn cubics(&self) -> Option<Cubics<'_>> {
         let table = self.table;
         Some(Cubics { joints: table.joints(), times: table.times(), rows: table.rows(), instants: false })
@@ -107,6 +111,10 @@ impl JointMotion for Instants<'_> {
 
     fn span(&self) -> (f64, f64) {
         self.0.span()
+    }
+
+    fn stands_still(&self) -> bool {
+        self.0.stands_still()
     }
 
     fn cubics(&self) -> Option<Cubics<'_>> {

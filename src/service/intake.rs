@@ -259,8 +259,7 @@ fn digest(document: &Value) -> Result<String, ApiError> {
         "problem": fields.problem, "labels": fields.labels, "priority": fields.priority,
         "queue_ttl_ms": fields.queue_ttl.map(|ttl| ttl.as_millis() as u64), "warm_start": fields.warm_start,
     });
-    let canonical = serde_json_canonicalizer::to_vec(&asked).map_err(|_| ApiError::Internal)?;
-    Ok(wire::sha256(&canonical))
+    wire::digest_of(&asked).ok_or(ApiError::Internal)
 }
 
 /// A request for a job, with all that accepting it takes.

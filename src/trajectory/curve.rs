@@ -111,6 +111,12 @@ impl Curve {
         self.first().q.len()
     }
 
+    /// Whether no joint ever moves.
+    pub fn stands_still(&self) -> bool {
+        let first = &self.points[0].q;
+        self.points.iter().all(|point| point.q == *first && point.qd.iter().all(|speed| *speed == 0.0))
+    }
+
     /// Number of pieces between breakpoints.
     pub fn segments(&self) -> usize {
         self.points.len() - 1

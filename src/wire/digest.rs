@@ -5,6 +5,8 @@ use std::collections::BTreeMap;
 use serde_json::Value;
 use sha2::{Digest, Sha256};
 
+use super::canonical;
+
 /// `sha256:` and the hexadecimal SHA-256 of `bytes`.
 pub fn sha256(bytes: &[u8]) -> String {
     let mut out = String::from("sha256:");
@@ -12,6 +14,13 @@ pub fn sha256(bytes: &[u8]) -> String {
         out.push_str(&format!("{byte:02x}"));
     }
     out
+}
+
+/// The digest of the canonical form of `value`; `None` where a number is not finite.
+pub fn digest_of(value: &Value) -> Option<String> {
+    let mut written = Vec::new();
+    canonical::write(value, &mut written)?;
+    Some(sha256(&written))
 }
 
 /// The digests of a problem document.
@@ -35,11 +44,11 @@ impl Digests {
                 members.push((name, member(name, value, contents)?));
             }
         }
-        members.sort_by(|(a, _), (b, _)| a.encode_utf16().cmp(b.encode_utf16()));
+        members.sort_by(|(a, _), (b, _)| canonical::by_name(a, b));
         let workcell: Vec<_> =
             members.iter().filter(|(name, _)| *name == "workcell").map(|(_, m)| m.as_slice()).collect();
         let all: Vec<_> = members.iter().map(|(_, member)| member.as_slice()).collect();
-        Some(Self { problem: digest_of(&all), workcell: digest_of(&workcell) })
+        Some(Self { problem: digest_of_members(&all), workcell: digest_of_members(&workcell) })
     }
 }
 
@@ -56,14 +65,15 @@ fn member(name: &str, value: &Value, contents: &BTreeMap<String, String>) -> Opt
             *place = Value::String(digest.clone());
         }
     }
-    let mut written = serde_json_canonicalizer::to_vec(&name).ok()?;
+    let mut written = Vec::with_capacity(4096);
+    canonical::write_string(name, &mut written)?;
     written.push(b':');
-    written.extend(serde_json_canonicalizer::to_vec(replaced.as_ref().unwrap_or(value)).ok()?);
+    canonical::write(replaced.as_ref().unwrap_or(value), &mut written)?;
     Some(written)
 }
 
 /// The digest of an object with these members.
-fn digest_of(members: &[&[u8]]) -> String {
+fn digest_of_members(members: &[&[u8]]) -> String {
     sha256(&[b"{", &members.join(&b","[..])[..], b"}"].concat())
 }
 

@@ -3,6 +3,7 @@
 //! The only room that gives JSON its shape; the core never does. What is read is walked value by
 //! value, so that all faults come back at once; what is written goes through serde.
 
+mod canonical;
 mod digest;
 mod fault;
 mod job;
@@ -14,7 +15,7 @@ mod reader;
 mod resources;
 mod workcell;
 
-pub use digest::sha256;
+pub use digest::{digest_of, sha256};
 pub use fault::{Fault, FaultCode};
 pub use job::{JobFields, MAX_LABEL_VALUE, MAX_LABELS, MAX_PRIORITY, read_job};
 pub use json::{parse as parse_json, parse_bounded as parse_json_bounded};

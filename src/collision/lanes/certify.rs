@@ -144,17 +144,25 @@ impl Kernel for Apart<'_> {
     fn run<F: Float8>(self) -> Option<f64> {
         let Self { world, first, second, pieces } = self;
         let scenery = Scenery { world, first, second: Some(second), resting: &[] };
-        let still = first.motion.stands_still() && second.motion.stands_still();
+        let are_still = [first.motion.stands_still(), second.motion.stands_still()];
+        let still = are_still == [true, true];
         let mut exact = Exact::new(world, (first, first.motion), Some((second, second.motion)), &[]);
         let (mut at, mut other_at) = (PlacedArm::<F>::new(), PlacedArm::<F>::new());
         let (mut limbs, mut others) = (Limbs::new(), Limbs::new());
         let mut work = Work::new();
         work.begin(pieces);
+        let mut is_first = true;
         while let Some(job) = work.next() {
-            cubics::sample::<F>(first.motion, &job.pieces, &mut at.samples);
-            at.place(&first.lanes, still);
-            cubics::sample::<F>(second.motion, &job.pieces, &mut other_at.samples);
-            other_at.place(&second.lanes, still);
+            // Who does not move is put in place once.
+            if is_first || !are_still[0] {
+                cubics::sample::<F>(first.motion, &job.pieces, &mut at.samples);
+                at.place(&first.lanes, still);
+            }
+            if is_first || !are_still[1] {
+                cubics::sample::<F>(second.motion, &job.pieces, &mut other_at.samples);
+                other_at.place(&second.lanes, still);
+            }
+            is_first = false;
             let mut swift = 0;
             if job.is_fresh {
                 limbs.clear();

@@ -46,6 +46,9 @@ impl Cubics<'_> {
         let segments = self.times.len() - 1;
         let (begin, end) = (self.times[0], self.times[segments]);
         let blocks = self.joints.div_ceil(ROW);
+        if blocks == 1 && self.sample_one_segment::<F>(intervals, values, deviations) {
+            return;
+        }
         let mut first = 0;
         for (lane, &(from, to)) in intervals.iter().enumerate() {
             if lane > 0 && intervals[lane - 1] == (from, to) {
@@ -69,7 +72,7 @@ impl Cubics<'_> {
                 let mut segment = first;
                 while !self.instants {
                     let (start, stop) = (self.times[segment], self.times[segment + 1]);
-                    let span = ((from.max(start) - start) as f32, (to.min(stop) - start) as f32);
+                    let span = [from.max(start), to.min(stop)].map(|t| F::splat((t - start) as f32)).into();
                     stray = widened(&load::<F>(&self.rows[segment * blocks + block]), span, value, stray);
                     segment += 1;
                     if segment >= segments || self.times[segment] >= to {
@@ -86,6 +89,46 @@ impl Cubics<'_> {
                 }
             }
         }
+    }
+
+    /// [`Self::sample`] where all intervals are within one segment: joint by joint, with nothing to be turned about.
+    #[inline(always)]
+    fn sample_one_segment<F: Float8>(
+        &self,
+        intervals: &[(f64, f64); 8],
+        values: &mut [[f32; 8]],
+        deviations: &mut [[f32; 8]],
+    ) -> bool {
+        let ends = intervals.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), (from, to)| {
+            (low.min(*from), high.max(*to))
+        });
+        let last = self.times.len() - 1;
+        let clamp = |t: f64| t.clamp(self.times[0], self.times[last]);
+        let segment = self.segment(clamp(ends.0), 0);
+        if clamp(ends.1) > self.times[segment + 1] {
+            return false;
+        }
+        let start = self.times[segment];
+        let (mut from, mut middle, mut to) = ([0.0; 8], [0.0; 8], [0.0; 8]);
+        for (lane, interval) in intervals.iter().enumerate() {
+            from[lane] = (clamp(interval.0) - start) as f32;
+            middle[lane] = (clamp((interval.0 + interval.1) / 2.0) - start) as f32;
+            to[lane] = (clamp(interval.1) - start) as f32;
+        }
+        let (from, middle, to) = (F::load(&from), F::load(&middle), F::load(&to));
+        let row = &self.rows[segment];
+        for (joint, (values, deviations)) in values.iter_mut().zip(deviations).enumerate() {
+            let cubic = [0, 1, 2, 3].map(|k| F::splat(row[k][joint]));
+            let value = position(&cubic, middle);
+            *values = value.store();
+            *deviations = if self.instants {
+                [0.0; 8]
+            } else {
+                let stray = widened(&cubic, (from, to), value, F::splat(0.0));
+                stray.mul_add(F::splat(ROUNDING.0), F::splat(ROUNDING.1)).store()
+            };
+        }
+        true
     }
 
     /// The segment that holds `t`, which is not before the start; `hint` is looked at first.
@@ -116,10 +159,9 @@ fn position<F: Float8>([q, v, square, cube]: &[F; 4], t: F) -> F {
 /// `stray` widened to how far the cubics are from `value` on `[t0, t1]`: no farther than the control points of their
 /// Bernstein forms there.
 #[inline(always)]
-fn widened<F: Float8>(row: &[F; 4], (t0, t1): (f32, f32), value: F, stray: F) -> F {
+fn widened<F: Float8>(row: &[F; 4], (t0, t1): (F, F), value: F, stray: F) -> F {
     let [_, v, square, cube] = row;
-    let third = F::splat((t1 - t0).max(0.0) * (1.0 / 3.0));
-    let (t0, t1) = (F::splat(t0), F::splat(t1));
+    let third = (t1 - t0).max(F::splat(0.0)) * F::splat(1.0 / 3.0);
     let speed = |t: F| cube.mul_add(t * F::splat(3.0), *square + *square).mul_add(t, *v);
     let (a, d) = (position(row, t0) - value, position(row, t1) - value);
     let (b, c) = (speed(t0).mul_add(third, a), speed(t1).neg_mul_add(third, d));
