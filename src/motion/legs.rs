@@ -160,7 +160,7 @@ impl Ends {
         let mut departed = None;
         if let Some(departure) = departure {
             let distance = departure.line.distance;
-            let [to, whole] = leaves(arm, curve, [distance - EXEMPTION_MARGIN, distance]);
+            let [to, whole] = leaves(arm, curve, [distance - EXEMPTION_MARGIN, distance], false);
             windows.push(Window { from: 0.0, to, exemption: departure.exemption });
             departed = Some(whole);
         }
@@ -168,7 +168,7 @@ impl Ends {
         if let Some(ArmGoal::Contact { approach: Some(line), exemption, .. }) = goal {
             let end = curve.end_time();
             let distances = [line.distance - EXEMPTION_MARGIN, line.distance + EXEMPTION_MARGIN];
-            let [from, whole] = leaves(arm, &curve.reversed(), distances).map(|before| end - before);
+            let [from, whole] = leaves(arm, curve, distances, true).map(|before| end - before);
             let from = windows.last().map_or(from, |window| from.max(window.to));
             windows.push(Window { from, to: end, exemption: *exemption });
             approaching = Some(whole);
@@ -195,19 +195,25 @@ fn line_tolerances(line: &Line, free: f64) -> Vec<f64> {
         .collect()
 }
 
-/// When the TCP is first so far (m) away from where it starts, for two ascending distances; where it never is, the end
-/// of the curve.
-fn leaves(arm: &Arm, curve: &Curve, distances: [f64; 2]) -> [f64; 2] {
-    let start = arm.tcp_position(&curve.first().q);
+/// After how long (s) the TCP is first so far (m) away from where the curve starts, for two ascending distances, or the
+/// same backwards from its end; where it never is, the duration of the curve.
+fn leaves(arm: &Arm, curve: &Curve, distances: [f64; 2], backwards: bool) -> [f64; 2] {
+    let points = curve.points();
+    let last = points.len() - 1;
+    let time =
+        |elapsed: f64| if backwards { curve.end_time() - elapsed } else { curve.start_time() + elapsed };
+    let elapsed = |t: f64| if backwards { curve.end_time() - t } else { t - curve.start_time() };
+    let point = |number: usize| &points[if backwards { last - number } else { number }];
+    let start = arm.tcp_position(&point(0).q);
     let away = |q: &[f64]| (arm.tcp_position(q) - start).norm();
-    let mut found = [curve.end_time(); 2];
+    let mut found = [curve.duration(); 2];
     let mut next = 0;
-    let mut before = (curve.start_time(), 0.0);
-    for point in curve.points() {
-        let here = (point.t, away(&point.q));
+    let mut before = (0.0, 0.0);
+    for point in (1..=last).map(point) {
+        let here = (elapsed(point.t), away(&point.q));
         while next < distances.len() && here.1 >= distances[next] {
             let beyond = |(t, apart): (f64, f64)| (t, apart - distances[next]);
-            let value = |t: f64| away(&curve.position_at(t)) - distances[next];
+            let value = |at: f64| away(&curve.position_at(time(at))) - distances[next];
             found[next] = crossing(beyond(before), beyond(here), value);
             next += 1;
         }

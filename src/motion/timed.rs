@@ -136,7 +136,8 @@ mod tests {
         let mut t = -1.0;
         let points = (0..count).map(|_| {
             t += rng.random_range(0.05..0.7);
-            let mut many = |size: f64| -> Config { (0..joints).map(|_| rng.random_range(-size..size)).collect() };
+            let mut many =
+                |size: f64| -> Config { (0..joints).map(|_| rng.random_range(-size..size)).collect() };
             CurvePoint { t, q: many(2.0), qd: many(1.5) }
         });
         Curve::new(points.collect()).unwrap()
@@ -166,7 +167,8 @@ mod tests {
                     let truth = curve.position_at(middle);
                     let exact = curve.displacement_from(middle, from, to);
                     for joint in 0..joints {
-                        let (value, stray) = (found.values[joint][lane], f64::from(found.deviations[joint][lane]));
+                        let (value, stray) =
+                            (found.values[joint][lane], f64::from(found.deviations[joint][lane]));
                         assert!((f64::from(value) - truth[joint]).abs() < 1e-5);
                         assert!(stray + 1e-5 >= exact[joint], "{stray} {}", exact[joint]);
                         // And not much more on short intervals, where nearly all is velocity.

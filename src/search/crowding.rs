@@ -343,7 +343,8 @@ impl Search<'_> {
             holds.then_some(Held { object: end.carry.object, object_in_tcp: contact.object_in_tcp })
         };
         // Who places holds the object before, who picks afterwards.
-        let times = [RestAction::Place, RestAction::Pick].map(|when| [held(ends[0], one, when), held(ends[1], two, when)]);
+        let times = [RestAction::Place, RestAction::Pick]
+            .map(|when| [held(ends[0], one, when), held(ends[1], two, when)]);
         let none = Exemption::default();
         let pairs = contacts[0].iter().flat_map(|a| contacts[1].iter().map(move |b| (&a.q[..], &b.q[..])));
         let mut left: Vec<(&[f64], &[f64])> = pairs.collect();

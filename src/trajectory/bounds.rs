@@ -4,8 +4,8 @@ use std::ops::Range;
 
 use crate::kinematics::Config;
 
-use super::Curve;
 use super::hermite::Cubic;
+use super::{Curve, CurvePoint};
 
 /// Nodes and weights of the five-point Gauss-Legendre rule on [-1, 1].
 const GAUSS: [(f64, f64); 5] = [
@@ -29,6 +29,9 @@ const ARC_TOLERANCE: f64 = 1e-10;
 /// Where the rules of three and of five points differ by less (rad or m), the latter is taken: mostly far more exact than
 /// that, and less exact only where nearly all joints reverse within moments of each other.
 const ALIKE: f64 = 1e-9;
+
+/// Velocities count as along a way where no more than this part of them is aside.
+const SIDEWAYS: f64 = 1e-6;
 
 impl Curve {
     /// Calls `visit` with joint `joint` on every segment that meets `[t0, t1]` and the part of it,
@@ -113,6 +116,10 @@ impl Curve {
         let mut cuts: Vec<f64> = Vec::with_capacity(2 + 2 * self.joints());
         let mut length = 0.0;
         for segment in 0..self.segments() {
+            if let Some(straight) = straight_length(&self.points()[segment], &self.points()[segment + 1]) {
+                length += straight;
+                continue;
+            }
             cubics.clear();
             cubics.extend((0..self.joints()).map(|joint| self.cubic(segment, joint).0));
             let h = self.points()[segment + 1].t - self.points()[segment].t;
@@ -133,6 +140,27 @@ impl Curve {
         }
         length
     }
+}
+
+/// The length of a segment whose joints all go straight on from one point to the next and never back; `None` where they may
+/// not. Both velocities lie along the way, and neither is more than three times what takes it there at an even pace, so
+/// that the cubic ascends (Fritsch and Carlson 1980).
+fn straight_length(from: &CurvePoint, to: &CurvePoint) -> Option<f64> {
+    let square: f64 = from.q.iter().zip(&to.q).map(|(a, b)| (b - a).powi(2)).sum();
+    let length = square.sqrt();
+    let time = to.t - from.t;
+    for speeds in [&from.qd, &to.qd] {
+        let along: f64 = from.q.iter().zip(&to.q).zip(speeds).map(|((a, b), v)| (b - a) * v).sum();
+        // In terms of the even pace.
+        let pace = if square > 0.0 { along * time / square } else { 0.0 };
+        let aside: f64 =
+            from.q.iter().zip(&to.q).zip(speeds).map(|((a, b), v)| (v * time - (b - a) * pace).powi(2)).sum();
+        // Aside by so little the way is longer by its square.
+        if !(0.0..=3.0).contains(&pace) || aside > SIDEWAYS * SIDEWAYS * square {
+            return None;
+        }
+    }
+    Some(length)
 }
 
 /// Length over `[from, to]` by one application of a rule.

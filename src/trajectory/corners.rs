@@ -225,7 +225,10 @@ fn improve(
         bend.ratio * 2.0,
         bend.ratio / 2.0,
     ];
-    for ratio in tried {
+    for (number, ratio) in tried.into_iter().enumerate() {
+        if tried[..number].contains(&ratio) {
+            continue;
+        }
         let candidate = Bend::new(before, after, limits, line.tolerances[at], ratio);
         let entry = candidate
             .cap

@@ -189,7 +189,12 @@ impl Curve {
 
     /// Joint values at time `t`, as [`Self::state_at`].
     pub fn position_at(&self, t: f64) -> Config {
-        self.state_at(t).0
+        let segment = self.segment_at(t);
+        if t <= self.start_time() || t >= self.end_time() || self.points[segment].t == t {
+            return self.state_at(t).0;
+        }
+        let tau = t - self.points[segment].t;
+        (0..self.joints()).map(|joint| self.cubic(segment, joint).0.position(tau)).collect()
     }
 
     /// Joint accelerations on `segment` just after its start; zero past the last one.
@@ -272,17 +277,6 @@ impl Curve {
         let points =
             self.points.iter().map(|p| CurvePoint { t: p.t, q: pick(&p.q), qd: pick(&p.qd) }).collect();
         Self { points }
-    }
-
-    /// The motion backwards in time, from 0 on.
-    pub fn reversed(&self) -> Self {
-        let end = self.end_time();
-        let points = self.points.iter().rev().map(|p| CurvePoint {
-            t: end - p.t,
-            q: p.q.clone(),
-            qd: p.qd.iter().map(|v| -v).collect(),
-        });
-        Self { points: points.collect() }
     }
 
     /// Least time between two neighbouring points (s); infinite with a single point.

@@ -200,7 +200,9 @@ mod tests {
                 times.push(times[times.len() - 1] + rng.random_range(0.02..0.8));
             }
             let rows: Vec<CubicRow> = (0..segments * blocks)
-                .map(|_| [2.0, 1.0, 1.5, 3.0].map(|size| std::array::from_fn(|_| rng.random_range(-size..size))))
+                .map(|_| {
+                    [2.0, 1.0, 1.5, 3.0].map(|size| std::array::from_fn(|_| rng.random_range(-size..size)))
+                })
                 .collect();
             let (begin, end) = (times[0], times[segments]);
             let truth = |t: f64, joint: usize, segment: usize| {

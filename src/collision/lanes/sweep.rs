@@ -2,8 +2,8 @@
 
 use smallvec::SmallVec;
 
-use super::{broad, cubics};
 use super::place::{Limbs, PlacedArm, StoredLimb};
+use super::{broad, cubics};
 use crate::collision::world::{CollisionWorld, Mover};
 use crate::geometry::lanes::{Bits8, Float8, Kernel, V3};
 

@@ -88,13 +88,35 @@ proptest! {
     }
 
     #[test]
-    fn reversed_runs_the_same_path_backwards(curve in curves(), x in 0.0..1.0_f64) {
-        let back = curve.reversed();
-        prop_assert!((back.duration() - curve.duration()).abs() < 1e-12 && back.start_time() == 0.0);
-        let (q, qd) = curve.state_at(curve.start_time() + x * curve.duration());
-        let (p, pd) = back.state_at((1.0 - x) * curve.duration());
-        for joint in 0..curve.joints() {
-            prop_assert!((q[joint] - p[joint]).abs() < 1e-9 && (qd[joint] + pd[joint]).abs() < 1e-7);
+    fn straight_ways_are_as_long_as_they_are(
+        way in prop::collection::vec(-1.0..1.0_f64, 1..5), paces in prop::array::uniform2(-1.0..5.0_f64),
+        aside in prop::sample::select(vec![0.0, 1e-9, 1e-3]), time in 0.05..2.0_f64,
+    ) {
+        let point = |t: f64, part: f64, pace: f64| CurvePoint {
+            t,
+            q: way.iter().map(|d| 0.3 + d * part).collect(),
+            qd: way.iter().enumerate().map(|(k, d)| (d * pace + if k == 0 { aside } else { 0.0 }) / time).collect(),
+        };
+        let curve = Curve::new(vec![point(0.0, 0.0, paces[0]), point(time, 1.0, paces[1])]).unwrap();
+        // Backwards too, and beyond the end and back, each part for itself.
+        let count = 4000;
+        let at = |k: i32| curve.position_at(time * f64::from(k) / f64::from(count));
+        let step = |k: i32| at(k).iter().zip(&at(k - 1)).map(|(a, b)| (a - b).powi(2)).sum::<f64>().sqrt();
+        let chain: f64 = (1..=count).map(step).sum();
+        let length = curve.arc_length();
+        prop_assert!((length - chain).abs() < 1e-5 * (1.0 + chain), "{length} {chain}");
+        if aside == 0.0 && paces.iter().all(|pace| (0.0..=3.0).contains(pace)) {
+            let straight = way.iter().map(|d| d * d).sum::<f64>().sqrt();
+            prop_assert!((length - straight).abs() < 1e-12);
+        }
+    }
+
+    #[test]
+    fn positions_are_those_of_states(curve in curves(), x in -0.2..1.2_f64) {
+        let t = curve.start_time() + x * curve.duration();
+        prop_assert_eq!(curve.position_at(t), curve.state_at(t).0);
+        for point in curve.points() {
+            prop_assert_eq!(curve.position_at(point.t), curve.state_at(point.t).0);
         }
     }
 
