@@ -16,7 +16,7 @@ use super::legs::{Legs, time_legs};
 use super::roadmap::Roadmap;
 use super::schedule::{Conflict, PairTimes, schedule};
 use super::task::{ArmGoal, StepTask};
-use super::timed::{CurveMotion, Instants, StepMotion};
+use super::timed::{CurveMotion, Instants, StepMotion, pieces};
 
 /// Vertices that a fresh roadmap gets.
 const FIRST_VERTICES: usize = 300;
@@ -249,11 +249,7 @@ impl<'a> StepPlanner<'a> {
                     if self.is_hasty && both_act && dispute > MOST_DISPUTES && !thorough {
                         break;
                     }
-                    self.settle(task, &mut round, &legs, conflict, dispute);
-                    let both = [conflict.first, conflict.second];
-                    let avoids_them =
-                        |arm: &usize| round.avoid[*arm].iter().any(|(other, _)| both.contains(other));
-                    fresh = (0..count).filter(|arm| both.contains(arm) || avoids_them(arm)).collect();
+                    fresh = self.settle(task, &mut round, &legs, conflict, dispute);
                 }
             }
         }
@@ -409,7 +405,8 @@ impl<'a> StepPlanner<'a> {
         Some(Avoid { arm: ArmId(other), q, held: arm.held })
     }
 
-    /// Changes the round's terms so that two arms that met may pass each other.
+    /// Changes the round's terms so that two arms that met may pass each other. Returns the arms that need other legs for
+    /// it: ways that are clear of who stands still beside them are kept.
     fn settle(
         &mut self,
         task: &StepTask,
@@ -417,7 +414,7 @@ impl<'a> StepPlanner<'a> {
         legs: &[Legs],
         conflict: Conflict,
         dispute: usize,
-    ) {
+    ) -> Vec<usize> {
         let (a, b) = (conflict.first, conflict.second);
         let set = |round: &mut Round, arm: usize, other: usize, at_end: bool| {
             round.avoid[arm].retain(|&(o, _)| o != other);
@@ -441,17 +438,54 @@ impl<'a> StepPlanner<'a> {
                 }
                 _ => Idle::Refuge(self.refuge(task, legs, arm)),
             };
+            let other = if arm == a { b } else { a };
+            let at_end = dispute.is_multiple_of(2);
             if dispute > 1 {
-                let other = if arm == a { b } else { a };
-                set(round, other, arm, dispute.is_multiple_of(2));
+                set(round, other, arm, at_end);
             }
-            return;
+            let avoids_it = |other: &usize| round.avoid[*other].iter().any(|&(avoided, _)| avoided == arm);
+            let passes = |by: &usize| *by == other && self.passes(task, round, legs, other, (arm, at_end));
+            return (0..legs.len()).filter(|by| *by == arm || avoids_it(by) && !passes(by)).collect();
         }
         // One first, the other afterwards: who comes second avoids where the first will rest, and
         // who comes first avoids where the second waits.
         let (first, second) = if dispute % 2 == 1 { (a, b) } else { (b, a) };
         set(round, second, first, true);
         set(round, first, second, false);
+        let meetings = [(first, (second, false)), (second, (first, true))];
+        let meets = |(arm, beside): (usize, (usize, bool))| {
+            (!self.passes(task, round, legs, arm, beside)).then_some(arm)
+        };
+        let mut meeting: Vec<usize> = meetings.into_iter().filter_map(meets).collect();
+        if meeting.is_empty() {
+            // Each passes the other at rest, and still they found no time to do so.
+            meeting = vec![first, second];
+        }
+        meeting.sort_unstable();
+        meeting
+    }
+
+    /// Whether an arm on its leg is clear of another one that stands still before or after its own.
+    fn passes(
+        &self,
+        task: &StepTask,
+        round: &Round,
+        legs: &[Legs],
+        arm: usize,
+        (other, at_end): (usize, bool),
+    ) -> bool {
+        let Some(other) = self.standing(task, round, other, at_end) else { return true };
+        let (leg, held, none) = (&legs[arm].through, task.arms[arm].held.as_ref(), Exemption::default());
+        let (curve, table) = (&leg.curve, CurveTable::new(&leg.curve));
+        let rest = StraightMotion::rest(&other.q);
+        pieces(&leg.windows, curve.start_time(), curve.end_time()).into_iter().all(|(from, to, exemption)| {
+            let span = (from, to);
+            self.world.motions_apart(
+                (ArmId(arm), &CurveMotion { curve, table: &table, span }, held, exemption),
+                (other.arm, &rest, other.held.as_ref(), none),
+                span,
+            )
+        })
     }
 
     /// A configuration out of the way of all acting arms at both ends of their ways, and all along their `legs` where one
