@@ -219,8 +219,11 @@ impl ChainPlanner<'_, '_> {
         hold: &Pose,
         neighbours: &[Neighbour],
     ) -> Vec<Neighbour> {
-        let known = self.contacts.at(query, hold);
         let scene = scene_of(neighbours);
+        if self.contacts.is_clear_of(query, hold, &scene) {
+            return Vec::new();
+        }
+        let known = self.contacts.at(query, hold);
         if known.iter().any(|contact| self.contacts.is_clear(query, contact, &scene)) {
             return Vec::new();
         }

@@ -183,9 +183,12 @@ impl Search<'_> {
     /// In which holds, in which both objects can be carried, some contacts at the two ends are apart. When in doubt
     /// they are as they were chosen.
     fn room(&mut self, ends: [&End; 2], outline: &Outline, look: &mut Look<'_>) -> Room {
-        let chosen = ends.map(|end| self.grounder.contacts.at(&end.asked, &end.chosen));
-        if self.some_apart(ends, [&chosen[0], &chosen[1]], look) {
-            return Room::AsChosen;
+        // Mostly the first contacts are apart.
+        for count in [1, usize::MAX] {
+            let chosen = ends.map(|end| self.grounder.contacts.first(&end.asked, &end.chosen, count));
+            if self.some_apart(ends, [&chosen[0], &chosen[1]], look) {
+                return Room::AsChosen;
+            }
         }
         let mut choices = ends.map(|end| self.choices(end));
         let mut unsuited = 0;

@@ -114,6 +114,12 @@ impl<'a> Contacts<'a> {
         self.ground(query, object_in_tcp, most)
     }
 
+    /// The first contacts of [`Self::at`], no more than `count`, for which no others are sampled.
+    pub fn first(&mut self, query: &ContactQuery, object_in_tcp: &Pose, count: usize) -> Vec<Contact> {
+        let known = self.ground(query, object_in_tcp, count.min(self.most()));
+        known.iter().take(count).cloned().collect()
+    }
+
     /// The contact with number `index` of [`Self::at`], for which no later one is sampled.
     pub fn nth(&mut self, query: &ContactQuery, object_in_tcp: &Pose, index: usize) -> Option<Contact> {
         if index >= self.most() {
