@@ -29,8 +29,7 @@ pub(super) struct HeldMemo(Mutex<Recent>);
 
 #[derive(Default)]
 struct Recent {
-    asked: Vec<(ArmId, Held)>,
-    made: Vec<InHand>,
+    known: Vec<((ArmId, Held), InHand)>,
     /// Which is the oldest, once there are [`MOST`].
     oldest: usize,
 }
@@ -40,20 +39,20 @@ impl HeldMemo {
     pub(super) fn get(&self, arm: ArmId, held: &Held, make: impl FnOnce() -> InHand) -> InHand {
         let lock = || self.0.lock().unwrap_or_else(PoisonError::into_inner);
         let asked = (arm, *held);
-        {
-            let recent = lock();
-            if let Some(at) = recent.asked.iter().position(|known| *known == asked) {
-                return recent.made[at].clone();
-            }
+        let known = |recent: &Recent| {
+            recent.known.iter().find(|(known, _)| *known == asked).map(|(_, in_hand)| in_hand.clone())
+        };
+        if let Some(in_hand) = known(&lock()) {
+            return in_hand;
         }
+        // Others are not kept waiting.
         let made = make();
         let mut recent = lock();
-        if recent.asked.len() < MOST {
-            recent.asked.push(asked);
-            recent.made.push(made.clone());
+        if recent.known.len() < MOST {
+            recent.known.push((asked, made.clone()));
         } else {
             let at = recent.oldest;
-            (recent.asked[at], recent.made[at]) = (asked, made.clone());
+            recent.known[at] = (asked, made.clone());
             recent.oldest = (at + 1) % MOST;
         }
         made

@@ -250,7 +250,7 @@ impl CollisionWorld {
         self.first_conflict(first, second, span).is_none()
     }
 
-    /// The same over several spans in order, which are looked at together.
+    /// The same over several spans in order, in all of which the same may touch; they are looked at together.
     pub fn motions_apart_in(&self, first: Taking<'_>, second: Taking<'_>, spans: &[(f64, f64)]) -> bool {
         if !self.may_meet((first.0, first.2), (second.0, second.2)) {
             return true;

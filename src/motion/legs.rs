@@ -208,6 +208,10 @@ fn leaves(arm: &Arm, curve: &Curve, distances: [f64; 2], backwards: bool) -> [f6
     let away = |q: &[f64]| (arm.tcp_position(q) - start).norm();
     let mut found = [curve.duration(); 2];
     let mut next = 0;
+    while next < distances.len() && distances[next] <= 0.0 {
+        found[next] = 0.0;
+        next += 1;
+    }
     let mut before = (0.0, 0.0);
     for point in (1..=last).map(point) {
         let here = (elapsed(point.t), away(&point.q));
@@ -257,7 +261,47 @@ fn crossing(mut low: (f64, f64), mut high: (f64, f64), value: impl Fn(f64) -> f6
 
 #[cfg(test)]
 mod tests {
-    use super::crossing;
+    use super::{NEAR_ENOUGH, crossing, leaves};
+    use crate::kinematics::Config;
+    use crate::scenario::{Family, generate};
+    use crate::trajectory::{Curve, CurvePoint, time_path};
+    use crate::wire::{LibraryOnly, ReadLimits, read_problem_value};
+
+    #[test]
+    fn distances_are_left_behind_once_the_tcp_is_there() {
+        let document = generate(Family::Switch, 2, 2, 1).unwrap();
+        let problem = read_problem_value(&document, &LibraryOnly, &ReadLimits::default()).unwrap().problem;
+        let arm = &problem.workcell.arms[0];
+        let there: Config = arm.home.iter().map(|q| q + 0.3).collect();
+        let moved = time_path(&[arm.home.clone(), there], &[0.0, 0.0], &arm.limits).unwrap();
+        let mut curve = Curve::rest(&arm.home, 0.0);
+        curve.wait_until(1.0);
+        curve.append(&moved).unwrap();
+        let end = curve.end_time();
+        let mirrored = curve.points().iter().rev().map(|point| CurvePoint {
+            t: end - point.t,
+            q: point.q.clone(),
+            qd: point.qd.iter().map(|speed| -speed).collect(),
+        });
+        let mirrored = Curve::new(mirrored.collect()).unwrap();
+        let start = arm.tcp_position(&arm.home);
+        for distances in [[-0.001, 0.0], [0.0, 0.0005], [0.0005, 0.001], [0.079, 0.08], [0.05, 90.0]] {
+            let found = leaves(arm, &curve, distances, false);
+            let backwards = leaves(arm, &mirrored, distances, true);
+            for ((distance, at), back) in distances.into_iter().zip(found).zip(backwards) {
+                assert!((at - back).abs() < 1e-6, "{distance}: {at} {back}");
+                let away = (arm.tcp_position(&curve.position_at(at)) - start).norm();
+                if distance <= 0.0 {
+                    // There is nothing to leave, however long the arm waits.
+                    assert_eq!((at, back), (0.0, 0.0));
+                } else if distance < 1.0 {
+                    assert!(away >= distance && away < distance + 2.0 * NEAR_ENOUGH, "{distance} {away}");
+                } else {
+                    assert_eq!(at, curve.duration());
+                }
+            }
+        }
+    }
 
     #[test]
     fn crossings_are_found_from_beyond() {
@@ -267,7 +311,7 @@ mod tests {
             let (low, high) = ((0.0, value(0.0)), (1.0, value(1.0)));
             let found = crossing(low, high, value);
             assert!(value(found) >= 0.0 && found >= 0.3 - 1e-12, "{found}");
-            assert!(value(found) <= super::NEAR_ENOUGH || found - 0.3 < 2e-9, "{found}");
+            assert!(value(found) <= NEAR_ENOUGH || found - 0.3 < 2e-9, "{found}");
         }
         // What jumps is narrowed down all the same.
         let step = |t: f64| if t < 0.7 { -1.0 } else { 5.0 };

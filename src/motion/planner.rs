@@ -12,7 +12,7 @@ use crate::workcell::{ArmId, Workcell};
 use super::arm_path::{Avoid, Surroundings, find_path, shortcut};
 use super::composite;
 use super::connect::connect;
-use super::legs::{Legs, time_legs};
+use super::legs::{Leg, Legs, time_legs};
 use super::roadmap::Roadmap;
 use super::schedule::{Conflict, PairTimes, schedule};
 use super::task::{ArmGoal, StepTask};
@@ -233,7 +233,7 @@ impl<'a> StepPlanner<'a> {
                 break;
             }
             known.forget(&fresh);
-            match schedule(self.world, task, &legs, &mut known, self.is_hasty, control) {
+            match schedule(self.world, task, &legs, &mut known, self.is_hasty && !thorough, control) {
                 Ok(motion) => return Ok(motion),
                 Err(None) => return Err(failure.unwrap_or(StepFailure::Stopped)),
                 Err(Some(conflict)) => {
@@ -457,15 +457,16 @@ impl<'a> StepPlanner<'a> {
             (!self.passes(task, round, legs, arm, beside)).then_some(arm)
         };
         let mut meeting: Vec<usize> = meetings.into_iter().filter_map(meets).collect();
-        if meeting.is_empty() {
-            // Each passes the other at rest, and still they found no time to do so.
+        if meeting.is_empty() || dispute > 1 {
+            // Each passes the other at rest, and still they found no time to do so; or once was not enough.
             meeting = vec![first, second];
         }
         meeting.sort_unstable();
         meeting
     }
 
-    /// Whether an arm on its leg is clear of another one that stands still before or after its own.
+    /// Whether an arm on its leg, be it in one flow or with a rest before the approach, is clear of another arm that stands
+    /// still where it is before the step, or after it.
     fn passes(
         &self,
         task: &StepTask,
@@ -475,17 +476,23 @@ impl<'a> StepPlanner<'a> {
         (other, at_end): (usize, bool),
     ) -> bool {
         let Some(other) = self.standing(task, round, other, at_end) else { return true };
-        let (leg, held, none) = (&legs[arm].through, task.arms[arm].held.as_ref(), Exemption::default());
-        let (curve, table) = (&leg.curve, CurveTable::new(&leg.curve));
+        let (held, none) = (task.arms[arm].held.as_ref(), Exemption::default());
         let rest = StraightMotion::rest(&other.q);
-        pieces(&leg.windows, curve.start_time(), curve.end_time()).into_iter().all(|(from, to, exemption)| {
-            let span = (from, to);
-            self.world.motions_apart(
-                (ArmId(arm), &CurveMotion { curve, table: &table, span }, held, exemption),
-                (other.arm, &rest, other.held.as_ref(), none),
-                span,
+        let is_clear = |leg: &Leg| {
+            let (curve, table) = (&leg.curve, CurveTable::new(&leg.curve));
+            pieces(&leg.windows, curve.start_time(), curve.end_time()).into_iter().all(
+                |(from, to, exemption)| {
+                    let span = (from, to);
+                    self.world.motions_apart(
+                        (ArmId(arm), &CurveMotion { curve, table: &table, span }, held, exemption),
+                        (other.arm, &rest, other.held.as_ref(), none),
+                        span,
+                    )
+                },
             )
-        })
+        };
+        let Legs { through, split } = &legs[arm];
+        is_clear(through) && split.iter().all(|(before, after)| is_clear(before) && is_clear(after))
     }
 
     /// A configuration out of the way of all acting arms at both ends of their ways, and all along their `legs` where one

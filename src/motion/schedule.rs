@@ -192,6 +192,7 @@ fn pair_apart(world: &CollisionWorld, first: Timed<'_>, second: Timed<'_>, spans
         }
     }
     alike.iter().all(|((first, second), spans)| {
+        // From the first to the last; only what is in `spans` is looked at.
         let Some(span) = spans.first().zip(spans.last()).map(|(first, last)| (first.0, last.1)) else {
             return true;
         };

@@ -184,11 +184,13 @@ impl Search<'_> {
     /// they are as they were chosen.
     fn room(&mut self, ends: [&End; 2], outline: &Outline, look: &mut Look<'_>) -> Room {
         // Mostly the first contacts are apart.
-        for count in [1, usize::MAX] {
-            let chosen = ends.map(|end| self.grounder.contacts.first(&end.asked, &end.chosen, count));
-            if self.some_apart(ends, [&chosen[0], &chosen[1]], look) {
-                return Room::AsChosen;
-            }
+        let first = ends.map(|end| self.grounder.contacts.first(&end.asked, &end.chosen, 1));
+        if self.some_apart(ends, [&first[0], &first[1]], look) {
+            return Room::AsChosen;
+        }
+        let chosen = ends.map(|end| self.grounder.contacts.at(&end.asked, &end.chosen));
+        if self.some_apart(ends, [&chosen[0], &chosen[1]], look) {
+            return Room::AsChosen;
         }
         let mut choices = ends.map(|end| self.choices(end));
         let mut unsuited = 0;
@@ -341,6 +343,9 @@ impl Search<'_> {
     /// end are all in one hold.
     fn some_apart(&self, ends: [&End; 2], contacts: [&[Contact]; 2], look: &mut Look<'_>) -> bool {
         let [[one, ..], [two, ..]] = contacts else { return false };
+        let are_alike =
+            |all: &&[Contact]| all.iter().all(|other| other.object_in_tcp == all[0].object_in_tcp);
+        debug_assert!(contacts.iter().all(are_alike));
         let held = |end: &End, contact: &Contact, when: RestAction| {
             let holds = end.carry.action == when;
             holds.then_some(Held { object: end.carry.object, object_in_tcp: contact.object_in_tcp })

@@ -31,7 +31,7 @@ const ARC_TOLERANCE: f64 = 1e-10;
 const ALIKE: f64 = 1e-9;
 
 /// Velocities count as along a way where no more than this part of them is aside.
-const SIDEWAYS: f64 = 1e-6;
+const SIDEWAYS: f64 = 1e-7;
 
 impl Curve {
     /// Calls `visit` with joint `joint` on every segment that meets `[t0, t1]` and the part of it,
@@ -155,7 +155,7 @@ fn straight_length(from: &CurvePoint, to: &CurvePoint) -> Option<f64> {
         let pace = if square > 0.0 { along * time / square } else { 0.0 };
         let aside: f64 =
             from.q.iter().zip(&to.q).zip(speeds).map(|((a, b), v)| (v * time - (b - a) * pace).powi(2)).sum();
-        // Aside by so little the way is longer by its square.
+        // Aside by so little the way is longer by less than its tolerance, even where it comes to a stop.
         if !(0.0..=3.0).contains(&pace) || aside > SIDEWAYS * SIDEWAYS * square {
             return None;
         }
@@ -179,4 +179,44 @@ fn refined_length(cubics: &[Cubic], from: f64, to: f64, whole: f64, depth: usize
     }
     refined_length(cubics, from, middle, left, depth + 1)
         + refined_length(cubics, middle, to, right, depth + 1)
+}
+
+#[cfg(test)]
+mod tests {
+    use rand::Rng as _;
+
+    use super::*;
+    use crate::run::Seed;
+
+    #[test]
+    fn ways_count_as_straight_only_where_they_are() {
+        let mut rng = Seed(12).stream("straight");
+        let (mut straight, mut others) = (0, 0);
+        for case in 0..2000 {
+            let time = rng.random_range(0.01..3.0);
+            let way: [f64; 4] = std::array::from_fn(|_| rng.random_range(-1.0..1.0));
+            let norm = way.iter().map(|d| d * d).sum::<f64>().sqrt();
+            // Square to the way.
+            let square = [way[1], -way[0], way[3], -way[2]];
+            let mut point = |t: f64, part: f64| {
+                let pace = [0.0, 3.0, 2.9, rng.random_range(-0.5..3.5)][rng.random_range(0..4)];
+                let aside = [0.0, 0.9 * SIDEWAYS, 1.1 * SIDEWAYS][case % 3];
+                let qd = (0..4).map(|k| (way[k] * pace + square[k] * aside) / time).collect();
+                CurvePoint { t, q: way.iter().map(|d| 0.2 + d * part).collect(), qd }
+            };
+            let (from, to) = (point(0.0, 0.0), point(time, 1.0));
+            let Some(found) = straight_length(&from, &to) else {
+                others += 1;
+                continue;
+            };
+            straight += 1;
+            assert!((found - norm).abs() < 1e-12);
+            let curve = Curve::new(vec![from, to]).unwrap();
+            let cubics: Vec<Cubic> = (0..4).map(|joint| curve.cubic(0, joint).0).collect();
+            let whole = gauss_length(&cubics, 0.0, time, &GAUSS);
+            let refined = refined_length(&cubics, 0.0, time, whole, 0);
+            assert!((found - refined).abs() < 3e-9, "{found} {refined}");
+        }
+        assert!(straight > 400 && others > 400, "{straight} {others}");
+    }
 }

@@ -6,7 +6,7 @@ use super::Curve;
 const ROW: usize = 8;
 
 /// A row of a segment: positions, velocities, and the coefficients of the square and the cube, on the segment's own
-/// clock.
+/// clock; as checks for collision take it.
 pub type TableRow = [[f32; ROW]; 4];
 
 /// A [`Curve`] in single precision, for sampling.

@@ -102,17 +102,34 @@ impl<'a> Grounding<'a> {
         self.lines(q).is_some()
     }
 
-    /// The lines of approach and retreat at `q`.
-    fn lines(&self, q: &Config) -> Option<(Line, Line)> {
-        let workcell = &self.problem.workcell;
-        let arm = &workcell.arms[self.query.arm.0];
-        let object = &self.problem.objects[self.query.object.0];
+    /// The directions (world) of the lines of approach and retreat, from the contact outwards.
+    fn directions(&self) -> (Vec3, Vec3) {
         let own_z = self.tcp.rotation * Vec3::z();
-        let normal = workcell.surfaces[self.query.surface.0].normal();
-        let (approach_direction, retreat_direction) = match self.query.kind {
+        let normal = self.problem.workcell.surfaces[self.query.surface.0].normal();
+        match self.query.kind {
             ContactKind::Pick => (-own_z, normal),
             ContactKind::Place => (normal, -own_z),
-        };
+        }
+    }
+
+    /// Whether a line leads beyond what the arm can reach, so that there is no contact.
+    pub(super) fn leads_beyond(&self) -> bool {
+        let arm = &self.problem.workcell.arms[self.query.arm.0];
+        let object = &self.problem.objects[self.query.object.0];
+        let (approach, retreat) = self.directions();
+        let (to_base, to_mount) = (arm.base.inverse(), arm.tool.tcp.inverse());
+        [(approach, object.approach), (retreat, object.retreat)].into_iter().any(|(direction, distance)| {
+            let mut far = self.tcp;
+            far.translation.vector += direction * distance;
+            arm.model.is_beyond(&arm.limits, &(to_base * far * to_mount))
+        })
+    }
+
+    /// The lines of approach and retreat at `q`.
+    fn lines(&self, q: &Config) -> Option<(Line, Line)> {
+        let arm = &self.problem.workcell.arms[self.query.arm.0];
+        let object = &self.problem.objects[self.query.object.0];
+        let (approach_direction, retreat_direction) = self.directions();
         let approach = Line::follow(arm, q, &approach_direction, object.approach)?;
         // From above both are one line.
         let is_same = (approach_direction - retreat_direction).norm_squared() < SAME_DIRECTION;

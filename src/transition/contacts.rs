@@ -222,6 +222,9 @@ impl<'a> Contacts<'a> {
                 return true;
             }
             let grounding = Grounding::new(self.problem, self.world, &asked, hold);
+            if grounding.leads_beyond() {
+                return false;
+            }
             let configurations = grounding.configurations(3 * self.most(), &mut stream(&key));
             configurations.iter().any(|q| grounding.seems_good(q))
         });
@@ -415,6 +418,9 @@ impl<'a> Contacts<'a> {
             return Entry::default();
         }
         let grounding = Grounding::new(self.problem, self.world, asked, hold);
+        if grounding.leads_beyond() {
+            return Entry::default();
+        }
         let mut rng = stream(key);
         let mut open = grounding.configurations(3 * self.most(), &mut rng);
         open.reverse();

@@ -33,7 +33,7 @@ pub(in crate::collision) struct Motions<'a, 'm> {
     pub(in crate::collision) motions: &'m [&'m dyn JointMotion],
 }
 
-/// Whether two arms are apart over some span.
+/// Whether two arms are apart in some pieces of time, which need not touch each other; in none they are.
 pub(in crate::collision) struct Apart<'a> {
     pub(in crate::collision) world: &'a CollisionWorld,
     pub(in crate::collision) first: &'a Mover<'a>,

@@ -25,6 +25,8 @@ mod tight;
 
 #[cfg(test)]
 mod tests;
+#[cfg(test)]
+mod together_tests;
 
 pub(super) use arm::LaneArm;
 pub(super) use certify::{Answers, Apart, Configurations, Motions, PairsApart, cut_in_eight, eighths};

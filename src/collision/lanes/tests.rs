@@ -12,16 +12,16 @@ use crate::run::{Rng, Seed};
 use crate::wire::{Folder, ReadLimits, read_problem};
 use crate::workcell::{ArmId, ObjectId, ObstacleId};
 
-fn problem(name: &str) -> Problem {
+pub(super) fn problem(name: &str) -> Problem {
     let entry = crate::scenario::find(name).unwrap();
     read_problem(entry.text.as_bytes(), &Folder::new("."), &ReadLimits::default()).unwrap().problem
 }
 
-fn sets() -> [InstructionSet; 2] {
+pub(super) fn sets() -> [InstructionSet; 2] {
     [InstructionSet::best(), InstructionSet::portable()]
 }
 
-fn random_config(problem: &Problem, arm: ArmId, rng: &mut Rng) -> Config {
+pub(super) fn random_config(problem: &Problem, arm: ArmId, rng: &mut Rng) -> Config {
     let arm = &problem.workcell.arms[arm.0];
     let near_home = rng.random_bool(0.6);
     arm.limits
@@ -34,7 +34,7 @@ fn random_config(problem: &Problem, arm: ArmId, rng: &mut Rng) -> Config {
         .collect()
 }
 
-fn random_held(problem: &Problem, rng: &mut Rng) -> Option<Held> {
+pub(super) fn random_held(problem: &Problem, rng: &mut Rng) -> Option<Held> {
     let object = ObjectId(rng.random_range(0..problem.objects.len()));
     let mut r = || rng.random_range(-1.0..1.0);
     let object_in_tcp =
@@ -42,7 +42,7 @@ fn random_held(problem: &Problem, rng: &mut Rng) -> Option<Held> {
     rng.random_bool(0.5).then_some(Held { object, object_in_tcp })
 }
 
-fn random_exemption(problem: &Problem, rng: &mut Rng) -> Exemption {
+pub(super) fn random_exemption(problem: &Problem, rng: &mut Rng) -> Exemption {
     Exemption {
         hand_with: rng.random_bool(0.3).then(|| ObjectId(rng.random_range(0..problem.objects.len()))),
         held_with: rng
@@ -65,15 +65,15 @@ fn random_scene(problem: &Problem, rng: &mut Rng) -> Scene {
     scene
 }
 
-struct Case {
-    arm: ArmId,
-    q: Config,
-    to: Config,
-    held: Option<Held>,
-    exemption: Exemption,
+pub(super) struct Case {
+    pub(super) arm: ArmId,
+    pub(super) q: Config,
+    pub(super) to: Config,
+    pub(super) held: Option<Held>,
+    pub(super) exemption: Exemption,
 }
 
-fn random_case(problem: &Problem, rng: &mut Rng) -> Case {
+pub(super) fn random_case(problem: &Problem, rng: &mut Rng) -> Case {
     let arm = ArmId(rng.random_range(0..problem.workcell.arms.len()));
     let q = random_config(problem, arm, rng);
     let far = random_config(problem, arm, rng);
@@ -105,7 +105,7 @@ fn single_configurations_get_the_exact_verdict() {
 }
 
 impl Case {
-    fn parts<'a>(&'a self, motion: &'a dyn JointMotion) -> Taking<'a> {
+    pub(super) fn parts<'a>(&'a self, motion: &'a dyn JointMotion) -> Taking<'a> {
         (self.arm, motion, self.held.as_ref(), self.exemption)
     }
 }

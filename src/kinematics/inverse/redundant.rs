@@ -243,3 +243,80 @@ fn push_new(out: &mut Vec<Config>, q: &[f64; 7]) -> usize {
     out.push(q.iter().copied().collect());
     1
 }
+
+#[cfg(test)]
+mod tests {
+    use std::collections::BTreeMap;
+
+    use super::*;
+    use crate::geometry::Vec3;
+    use crate::kinematics::inverse::Structure;
+    use crate::kinematics::{ArmModel, NoMeshes, library};
+    use crate::run::Seed;
+
+    #[test]
+    fn windows_that_are_not_looked_at_are_out_of_reach() {
+        let urdf = library("iiwa14").unwrap().urdf;
+        let model = ArmModel::from_urdf("r", urdf, "flange", &BTreeMap::new(), &NoMeshes).unwrap().0;
+        let Structure::SphericalSeven(seven) = &model.solver.0 else { panic!("an iiwa14 is such an arm") };
+        let mut rng = Seed(14).stream("windows");
+        let (mut moved, mut none, mut left_out) = (0, 0, 0);
+        for case in 0..20_000 {
+            let q: [f64; 7] = std::array::from_fn(|joint| {
+                let limit = &model.joints[joint].limits;
+                rng.random_range(limit.lower..limit.upper)
+            });
+            let mut target = model.mount_pose(&q);
+            let way = Vec3::from_fn(|_, _| rng.random_range(-1.0..1.0)) * [0.005, 0.02, 0.06][case % 3];
+            target.translation.vector += way;
+            let max_step = [0.02, 0.1, 0.35, 2.0][case % 4];
+            // Ranges that leave little room on one side.
+            let limits: Vec<JointLimits> = (0..7)
+                .map(|joint| {
+                    let mut room = || [0.005, 0.05, 2.0][rng.random_range(0..3)];
+                    let (lower, upper) = (q[joint] - room(), q[joint] + room());
+                    JointLimits { lower, upper, ..model.joints[joint].limits }
+                })
+                .collect();
+            let found = seven.near(&limits, &target, &q, max_step);
+            let Some((elbow, angles)) = seven.continued(&target, &q) else { continue };
+            let (shoulder, wrist) = seven.sides_of(&q);
+            let same = Branch { elbow, shoulder, wrist };
+            if angles.within(same, &limits, &q).is_some() {
+                continue;
+            }
+            let aim = seven.aim(&target, Some(&q)).unwrap();
+            let mut windows = SmallVec::new();
+            seven.elbow_windows(
+                (elbow, &aim.elbows[elbow]),
+                &limits,
+                &q,
+                Some((same, f64::INFINITY)),
+                &mut windows,
+            );
+            let all = windows.iter().filter_map(|window| {
+                let psi = nearest_to_zero(window);
+                seven.angles(&aim.elbows[elbow], psi, &q).within(same, &limits, &q)
+            });
+            let near = all.filter(|other| within_step(other, &q, max_step)).map(|other| square(&other, &q));
+            let least = near.fold(f64::INFINITY, f64::min);
+            match found {
+                // Another branch may do as well.
+                Some(found) if least.is_finite() => {
+                    let distance = weighted_square(&found, &q, &[1.0; 7]);
+                    let turned: [f64; 7] = std::array::from_fn(|joint| found[joint]);
+                    let is_same = seven.sides_of(&turned) == (shoulder, wrist);
+                    assert!(!is_same || distance <= least + 1e-9, "{distance} {least}");
+                    moved += 1;
+                }
+                Some(_) => {}
+                None => {
+                    assert!(least.is_infinite(), "{least}");
+                    none += 1;
+                    left_out += usize::from(!windows.is_empty());
+                }
+            }
+        }
+        assert!(moved > 100 && none > 1000 && left_out > 100, "{moved} {none} {left_out}");
+    }
+}

@@ -474,9 +474,9 @@ fn combine(a: [f64; 3], x: f64, b: [f64; 3], y: f64) -> [f64; 3] {
 
 /// Adds the psi where constant + even cos psi + odd sin psi vanishes.
 fn vanishing([constant, even, odd]: [f64; 3], cuts: &mut SmallVec<[f64; 32]>) {
-    let square = even * even + odd * odd;
-    let rest = square - constant * constant;
-    if square < 1e-28 || rest < 0.0 {
+    let size = (even * even + odd * odd).sqrt();
+    let rest = (size - constant) * (size + constant);
+    if size < 1e-14 || rest < 0.0 {
         return;
     }
     let [phase, half] = atan2_each([odd, rest.sqrt()], [even, -constant]);
