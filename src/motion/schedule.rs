@@ -180,18 +180,24 @@ fn tables(motion: &StepMotion) -> Vec<OnceCell<CurveTable>> {
 /// An arm in a step, with its curve laid out for sampling.
 type Timed<'a> = (usize, &'a ArmMotion, &'a CurveTable);
 
+/// Spans of time in which the same may touch.
+struct Alike {
+    exemptions: (Exemption, Exemption),
+    spans: Vec<(f64, f64)>,
+}
+
 /// Whether two arms are certified apart within `spans` of time.
 fn pair_apart(world: &CollisionWorld, first: Timed<'_>, second: Timed<'_>, spans: &[(f64, f64)]) -> bool {
     let ((i, a, a_table), (j, b, b_table)) = (first, second);
     // What may touch is mostly the same.
-    let mut alike: Vec<((Exemption, Exemption), Vec<(f64, f64)>)> = Vec::new();
+    let mut alike: Vec<Alike> = Vec::new();
     for (span, first, second) in common_pieces(a, b, spans) {
-        match alike.iter_mut().find(|(exemptions, _)| *exemptions == (first, second)) {
-            Some((_, spans)) => spans.push(span),
-            None => alike.push(((first, second), vec![span])),
+        match alike.iter_mut().find(|alike| alike.exemptions == (first, second)) {
+            Some(alike) => alike.spans.push(span),
+            None => alike.push(Alike { exemptions: (first, second), spans: vec![span] }),
         }
     }
-    alike.iter().all(|((first, second), spans)| {
+    alike.iter().all(|Alike { exemptions: (first, second), spans }| {
         // From the first to the last; only what is in `spans` is looked at.
         let Some(span) = spans.first().zip(spans.last()).map(|(first, last)| (first.0, last.1)) else {
             return true;

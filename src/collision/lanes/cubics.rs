@@ -69,17 +69,18 @@ impl Cubics<'_> {
             for block in 0..blocks {
                 let value = position(&load::<F>(&self.rows[centre * blocks + block]), at_middle);
                 let mut stray = F::splat(0.0);
-                let mut segment = first;
-                while !self.instants {
-                    let (start, stop) = (self.times[segment], self.times[segment + 1]);
-                    let span = [from.max(start), to.min(stop)].map(|t| F::splat((t - start) as f32)).into();
-                    stray = widened(&load::<F>(&self.rows[segment * blocks + block]), span, value, stray);
-                    segment += 1;
-                    if segment >= segments || self.times[segment] >= to {
-                        break;
-                    }
-                }
                 if !self.instants {
+                    let mut segment = first;
+                    loop {
+                        let (start, stop) = (self.times[segment], self.times[segment + 1]);
+                        let span =
+                            [from.max(start), to.min(stop)].map(|t| F::splat((t - start) as f32)).into();
+                        stray = widened(&load::<F>(&self.rows[segment * blocks + block]), span, value, stray);
+                        segment += 1;
+                        if segment >= segments || self.times[segment] >= to {
+                            break;
+                        }
+                    }
                     stray = stray.mul_add(F::splat(ROUNDING.0), F::splat(ROUNDING.1));
                 }
                 let (value, stray) = (value.store(), stray.store());
