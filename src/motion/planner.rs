@@ -452,17 +452,13 @@ impl<'a> StepPlanner<'a> {
         let (first, second) = if dispute % 2 == 1 { (a, b) } else { (b, a) };
         set(round, second, first, true);
         set(round, first, second, false);
-        let meetings = [(first, (second, false)), (second, (first, true))];
-        let meets = |(arm, beside): (usize, (usize, bool))| {
-            (!self.passes(task, round, legs, arm, beside)).then_some(arm)
-        };
-        let mut meeting: Vec<usize> = meetings.into_iter().filter_map(meets).collect();
-        if meeting.is_empty() || dispute > 1 {
+        let meets = |arm: usize, beside| !self.passes(task, round, legs, arm, beside);
+        match (dispute == 1).then(|| (meets(first, (second, false)), meets(second, (first, true)))) {
+            Some((true, false)) => vec![first],
+            Some((false, true)) => vec![second],
             // Each passes the other at rest, and still they found no time to do so; or once was not enough.
-            meeting = vec![first, second];
+            _ => vec![first.min(second), first.max(second)],
         }
-        meeting.sort_unstable();
-        meeting
     }
 
     /// Whether an arm on its leg, be it in one flow or with a rest before the approach, is clear of another arm that stands
