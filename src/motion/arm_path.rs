@@ -44,9 +44,11 @@ impl Surroundings<'_> {
     /// Whether the straight edge is certified free.
     pub(super) fn edge_free(&self, from: &[f64], to: &[f64]) -> bool {
         let motion = StraightMotion::new(from, to);
-        let none = Exemption::default();
-        self.world.static_free(self.arm, &motion, self.held, self.resting, none)
-            && self.clear_of_arms(&motion)
+        self.is_clear_of_objects(&motion) && self.clear_of_arms(&motion)
+    }
+
+    fn is_clear_of_objects(&self, motion: &StraightMotion) -> bool {
+        self.world.static_free(self.arm, motion, self.held, self.resting, Exemption::default())
     }
 
     fn clear_of_arms(&self, motion: &StraightMotion) -> bool {
@@ -77,8 +79,19 @@ pub(super) fn find_path(
     }
     let situation = Situation::new(around.held, around.resting, around.avoid);
     let mut known = roadmap.recall(&situation);
-    let path = through_roadmap(around, roadmap, (from, to), &mut known, control);
+    // What is in the way without the arms is in the way.
+    let alone = (!around.avoid.is_empty()).then(|| {
+        let alone = Situation::new(around.held, around.resting, &[]);
+        let known_alone = roadmap.recall(&alone);
+        known.blocked.extend(&known_alone.blocked);
+        (alone, known_alone)
+    });
+    let (alone, mut known_alone) = alone.unzip();
+    let path = through_roadmap(around, roadmap, (from, to), (&mut known, known_alone.as_mut()), control);
     roadmap.remember(situation, known);
+    if let Some((alone, known)) = alone.zip(known_alone) {
+        roadmap.remember(alone, known);
+    }
     let path = path?;
     Some(shortcut(around, roadmap, path, shortcuts, rng))
 }
@@ -88,7 +101,7 @@ fn through_roadmap(
     around: &Surroundings<'_>,
     roadmap: &mut Roadmap,
     (from, to): (&Config, &Config),
-    known: &mut KnownEdges,
+    (known, mut known_alone): (&mut KnownEdges, Option<&mut KnownEdges>),
     control: &Control,
 ) -> Option<Vec<Config>> {
     let count = roadmap.vertices().len();
@@ -121,7 +134,14 @@ fn through_roadmap(
             match route[i + 1].1 {
                 Some(edge) => {
                     broken = !known.is_free(edge, || {
-                        roadmap.edge_free(around.world, edge) && around.edge_free(&points[i], &points[i + 1])
+                        let motion = StraightMotion::new(&points[i], &points[i + 1]);
+                        let mut check =
+                            || roadmap.edge_free(around.world, edge) && around.is_clear_of_objects(&motion);
+                        let is_free = match &mut known_alone {
+                            Some(known) => known.is_free(edge, check),
+                            None => check(),
+                        };
+                        is_free && around.clear_of_arms(&motion)
                     });
                 }
                 None => {
@@ -431,5 +451,59 @@ mod tests {
             }
         }
         assert!(found > 300 && none > 3, "{found} {none}");
+    }
+
+    /// What was found out beside another arm serves alone, and the other way round.
+    #[test]
+    fn ways_past_an_arm_are_those_found_without_any_memory() {
+        let document = generate(Family::Switch, 2, 2, 1).unwrap();
+        let problem = read_problem_value(&document, &LibraryOnly, &ReadLimits::default()).unwrap().problem;
+        let world = CollisionWorld::new(&problem);
+        let control = Control::unbounded();
+        let (roadmaps, _) = first_roadmaps(&problem.workcell, &world, 1, &control);
+        let pose = crate::geometry::pose_from_parts([0.5, 0.0, 0.9], [0.0, 0.0, 0.0, 1.0]);
+        let resting = [(crate::workcell::ObjectId(0), pose)];
+        let resting = world.resting_atoms(&crate::collision::Scene { resting: resting.into() });
+        let mut rng = Seed(7).stream("past");
+        let mut used = roadmaps[0].clone();
+        let (mut ways, mut others) = (0, 0);
+        for _ in 0..60 {
+            let mut any = |arm: usize| {
+                let vertices = roadmaps[arm].vertices();
+                vertices[rng.random_range(0..vertices.len())].clone()
+            };
+            let (from, to) = (any(0), any(0));
+            let other = [Avoid { arm: ArmId(1), q: any(1), held: None }];
+            for avoid in [&[][..], &other[..]] {
+                let around =
+                    Surroundings { world: &world, arm: ArmId(0), held: None, resting: &resting, avoid };
+                let find = |roadmap: &mut Roadmap| {
+                    find_path(&around, roadmap, (&from, &to), 0, &control, &mut Seed(0).stream("none"))
+                };
+                let (found, fresh) = (find(&mut used), find(&mut roadmaps[0].clone()));
+                // With more known beforehand the order of repairs is another, and so may be the way.
+                let length =
+                    |way: &Vec<Config>| -> f64 { way.windows(2).map(|w| used.distance(&w[0], &w[1])).sum() };
+                let (found_length, fresh_length) = (found.as_ref().map(length), fresh.as_ref().map(length));
+                assert!(found_length.is_some() || fresh_length.is_none());
+                if let (Some(a), Some(b)) = (found_length, fresh_length) {
+                    ways += 1;
+                    others += usize::from((a - b).abs() > 1e-9);
+                }
+                let way = found.unwrap_or_default();
+                assert!(way.windows(2).all(|w| around.edge_free(&w[0], &w[1])));
+            }
+            let known = used.recall(&Situation::new(None, &resting, &[]));
+            let around =
+                Surroundings { world: &world, arm: ArmId(0), held: None, resting: &resting, avoid: &[] };
+            for (edges, is_free) in [(&known.free, true), (&known.blocked, false)] {
+                for &edge in edges {
+                    let [a, b] = used.edge_ends(edge).map(|vertex| &used.vertices()[vertex]);
+                    assert_eq!(around.edge_free(a, b), is_free);
+                }
+            }
+            used.remember(Situation::new(None, &resting, &[]), known);
+        }
+        assert!(ways > 40 && others * 10 < ways, "{ways} {others}");
     }
 }

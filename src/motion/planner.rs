@@ -180,7 +180,7 @@ impl<'a> StepPlanner<'a> {
         self.failed = None;
         let count = task.arms.len();
         let begun = Begun {
-            idle: vec![Idle::Ahead; count],
+            idle: vec![self.idle_at_first(thorough); count],
             legs: Vec::with_capacity(count),
             fresh: (0..count).collect(),
             known: PairTimes::default(),
@@ -203,9 +203,15 @@ impl<'a> StepPlanner<'a> {
         let pairs = before.arms.iter().zip(&task.arms).enumerate();
         begun.fresh = pairs.filter(|(_, (old, new))| old != new).map(|(arm, _)| arm).collect();
         for &arm in &begun.fresh {
-            begun.idle[arm] = Idle::Ahead;
+            begun.idle[arm] = self.idle_at_first(false);
         }
         self.plan_from(task, begun, false, control)
+    }
+
+    /// How arms without an action begin. In haste they stay where they are: who moves may be in somebody's way, and one
+    /// more way has to be found.
+    fn idle_at_first(&self, thorough: bool) -> Idle {
+        if self.is_hasty && !thorough { Idle::Stay } else { Idle::Ahead }
     }
 
     fn plan_from(
@@ -223,11 +229,17 @@ impl<'a> StepPlanner<'a> {
         let mut round = Round { idle, avoid: vec![Vec::new(); count] };
         let mut disputes = std::collections::BTreeMap::<(usize, usize), usize>::new();
         let mut failure = None;
-        for _ in 0..if thorough { ROUNDS } else { FIRST_ROUNDS } {
+        for number in 0..if thorough { ROUNDS } else { FIRST_ROUNDS } {
             if control.should_stop() {
                 return Err(StepFailure::Stopped);
             }
-            if let Err(stuck) = self.renew_legs(task, &mut round, &fresh, &mut legs, control) {
+            let mut renewed = self.renew_legs(task, &mut round, &fresh, &mut legs, control);
+            if number == 0 && renewed.is_ok() && self.is_hasty && !thorough {
+                let aside = self.make_way(task, &mut round, &legs);
+                renewed = self.renew_legs(task, &mut round, &aside, &mut legs, control);
+                fresh.extend(aside);
+            }
+            if let Err(stuck) = renewed {
                 failure.get_or_insert(StepFailure::Stuck(ArmId(stuck)));
                 legs.clear();
                 break;
@@ -427,7 +439,7 @@ impl<'a> StepPlanner<'a> {
             round.idle[arm] = match &round.idle[arm] {
                 Idle::Ahead
                     if matches!(task.arms[arm].goal, ArmGoal::Toward(_))
-                        && !self.is_in_the_way(
+                        && !self.is_in_any_way(
                             task,
                             &self.ways_past(task, legs, arm),
                             arm,
@@ -459,6 +471,34 @@ impl<'a> StepPlanner<'a> {
             // Each passes the other at rest, and still they found no time to do so; or once was not enough.
             _ => vec![first.min(second), first.max(second)],
         }
+    }
+
+    /// Has arms that would stay in the way of others step aside: ahead, as their task says, or else to a refuge. Returns
+    /// which.
+    fn make_way(&mut self, task: &StepTask, round: &mut Round, legs: &[Legs]) -> Vec<usize> {
+        let stays = |index: &usize| !task.arms[*index].acts() && round.idle[*index] == Idle::Stay;
+        let mut aside = Vec::new();
+        for index in (0..legs.len()).filter(stays).collect::<Vec<_>>() {
+            let ways = self.ways_past(task, legs, index);
+            let here = task.arms[index].after_departure();
+            let blocked: Vec<usize> = ways
+                .iter()
+                .filter(|way| self.is_in_the_way(task, way, index, here))
+                .map(|way| way.arm)
+                .collect();
+            if blocked.is_empty() {
+                continue;
+            }
+            let in_any = |q: &Config| ways.iter().any(|way| self.is_in_the_way(task, way, index, q));
+            round.idle[index] = match &task.arms[index].goal {
+                ArmGoal::Toward(q) if !in_any(q) => Idle::Ahead,
+                _ => Idle::Refuge(self.refuge(task, legs, index)),
+            };
+            // The others wait for it.
+            round.avoid[index].extend(blocked.into_iter().map(|other| (other, false)));
+            aside.push(index);
+        }
+        aside
     }
 
     /// Whether an arm on its leg, be it in one flow or with a rest before the approach, is clear of another arm that stands
@@ -527,7 +567,7 @@ impl<'a> StepPlanner<'a> {
         let ways = self.ways_past(task, legs, index);
         let mut first = None;
         for q in candidates.into_iter().filter(clear) {
-            if !self.is_in_the_way(task, &ways, index, &q) {
+            if !self.is_in_any_way(task, &ways, index, &q) {
                 return q;
             }
             first.get_or_insert(q);
@@ -549,17 +589,93 @@ impl<'a> StepPlanner<'a> {
     }
 
     /// Whether an arm that stands still at `q` is in one of the `ways`, at one of a few instants.
-    fn is_in_the_way(&self, task: &StepTask, ways: &[Way<'_>], index: usize, q: &Config) -> bool {
+    fn is_in_any_way(&self, task: &StepTask, ways: &[Way<'_>], index: usize, q: &Config) -> bool {
+        ways.iter().any(|way| self.is_in_the_way(task, way, index, q))
+    }
+
+    /// The same of one way.
+    fn is_in_the_way(&self, task: &StepTask, way: &Way<'_>, index: usize, q: &Config) -> bool {
+        let Way { arm, curve, table } = way;
         let (rest, none) = (StraightMotion::rest(q), Exemption::default());
         let held = |arm: usize| task.arms[arm].held.as_ref();
-        ways.iter().any(|Way { arm, curve, table }| {
-            let span = (curve.start_time(), curve.end_time());
-            let instants = Instants(CurveMotion { curve, table, span });
-            !self.world.motions_apart(
-                (ArmId(index), &rest, held(index), none),
-                (ArmId(*arm), &instants, held(*arm), none),
-                span,
-            )
-        })
+        let span = (curve.start_time(), curve.end_time());
+        let instants = Instants(CurveMotion { curve, table, span });
+        !self.world.motions_apart(
+            (ArmId(index), &rest, held(index), none),
+            (ArmId(*arm), &instants, held(*arm), none),
+            span,
+        )
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::collision::Scene;
+    use crate::motion::schedule::find_conflict;
+    use crate::motion::task::ArmTask;
+    use crate::scenario::{Family, generate};
+    use crate::wire::{LibraryOnly, ReadLimits, read_problem_value};
+
+    fn task(arms: [(&Config, ArmGoal); 2]) -> StepTask {
+        let arms = arms.map(|(start, goal)| ArmTask {
+            start: start.clone(),
+            held: None,
+            departure: None,
+            wait_for: None,
+            dwell: 0.0,
+            goal,
+        });
+        StepTask { arms: arms.into(), scene: Scene::default() }
+    }
+
+    #[test]
+    fn in_haste_an_arm_without_an_action_moves_only_out_of_the_way() {
+        let document = generate(Family::Switch, 2, 2, 1).unwrap();
+        let problem = read_problem_value(&document, &LibraryOnly, &ReadLimits::default()).unwrap().problem;
+        let world = CollisionWorld::new(&problem);
+        let control = Control::with_budget(std::time::Duration::from_secs(600));
+        let (roadmaps, _) = first_roadmaps(&problem.workcell, &world, 1, &control);
+        let none = Exemption::default();
+        let apart =
+            |p: &[f64], q: &[f64]| world.arms_apart((ArmId(0), p, None, none), (ArmId(1), q, None, none));
+        let vertices: Vec<Vec<Config>> = roadmaps.iter().map(|roadmap| roadmap.vertices().to_vec()).collect();
+        let mut rng = Seed(11).stream("idle");
+        let mut any = |arm: usize| vertices[arm][rng.random_range(0..vertices[arm].len())].clone();
+        let (mut stayed, mut made_way, mut needless, mut failed) = (0, 0, 0, 0);
+        for trial in 0..600 {
+            let (from, to, idle, ahead) = (any(0), any(0), any(1), any(1));
+            if from == to || !apart(&from, &idle) {
+                continue;
+            }
+            let mut planner = StepPlanner::new(&problem, &world, roadmaps.clone(), Seed(trial));
+            planner.set_hasty(true);
+            let goal = ArmGoal::Contact { q: to.clone(), approach: None, exemption: none, after: None };
+            let step = task([(&from, goal), (&idle, ArmGoal::Toward(ahead))]);
+            let Ok(motion) = planner.plan(&step, false, &control) else {
+                failed += 1;
+                continue;
+            };
+            assert_eq!(find_conflict(&world, &motion), None);
+            let curve = &motion.arms[0].curve;
+            assert!(curve.last().q.iter().zip(&to).all(|(a, b)| (a - b).abs() < 1e-9));
+            let meets = (0..=2000).any(|i| {
+                let t = curve.start_time() + (curve.end_time() - curve.start_time()) * f64::from(i) / 2000.0;
+                !apart(&curve.position_at(t), &idle)
+            });
+            let end = &motion.arms[1].curve.last().q;
+            let moves = end.iter().zip(&idle).any(|(a, b)| (a - b).abs() > 1e-9);
+            if moves {
+                // Whoever acts may have got another way since, past where the other stood.
+                made_way += usize::from(meets);
+            } else {
+                assert!(!meets);
+                stayed += 1;
+            }
+        }
+        assert!(
+            stayed > 100 && made_way > 20 && failed * 5 < stayed + made_way,
+            "{stayed} {made_way} {failed}"
+        );
     }
 }

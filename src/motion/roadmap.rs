@@ -131,6 +131,12 @@ impl Roadmap {
         self.links(vertex).iter().map(|link| (link.edge as usize, link.next as usize))
     }
 
+    /// The vertices at the two ends of an edge.
+    #[cfg(test)]
+    pub(super) fn edge_ends(&self, edge: usize) -> [usize; 2] {
+        self.edges[edge]
+    }
+
     /// The edges of a vertex.
     #[inline]
     pub(super) fn links(&self, vertex: usize) -> &[Link] {

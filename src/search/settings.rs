@@ -54,7 +54,7 @@ impl Default for Settings {
             growth: 20,
             growth_period: 50,
             groundings: 6,
-            handoff_tries: 250,
+            handoff_tries: 80,
             cut_lifetime: 60,
             brief_lifetime: 6,
             block_lifetime: 500,

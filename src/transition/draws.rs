@@ -19,7 +19,7 @@ use super::line::Line;
 use super::memory::Class;
 
 /// Draws of one sequence that are remembered; further ones are nobody's but the asker's.
-pub(super) const MOST_DRAWN: usize = 192;
+pub(super) const MOST_DRAWN: usize = 64;
 
 /// What all draws may take up (bytes, about); beyond it all are forgotten.
 const MOST_BYTES: usize = 24 << 20;

@@ -31,6 +31,11 @@ const DRAWS_OF_HOLDS: usize = 40;
 /// Pairs of holds of which a draw takes that in which hands fit and face each other most, where they are to.
 const PAIRS_COMPARED: usize = 10;
 
+/// Random places for one draw of which some are kept that neither arm is plainly too far from, and how many: it is at the
+/// one of these that is easiest for both arms, or else at the next.
+const MOST_PROPOSALS: usize = 16;
+const PROPOSALS_COMPARED: usize = 3;
+
 /// Candidates to choose from for each handoff that is wanted, where one may be nearer than another.
 const HANDFUL: usize = 6;
 
@@ -387,22 +392,31 @@ impl<'s, 'q> Sampler<'s, 'q> {
         let Some(Some(pair)) = &mut self.pairs[number] else { return Draw::NoHolds };
         let hands = pair.stance.hands.pose();
         let solve = |rng: &mut Rng| {
-            let tcp = place.draw(rng)?;
-            let mounts = [
-                (giver, tcp * giver.tool.tcp.inverse()),
-                (receiver, bases.inverse() * tcp * hands * receiver.tool.tcp.inverse()),
-            ];
-            // Both are looked at before either is worked out.
-            if mounts.iter().any(|(arm, mount)| arm.model.is_beyond(&arm.limits, mount)) {
-                return None;
+            let mut proposals: SmallVec<[(f64, [Pose; 2]); PROPOSALS_COMPARED]> = SmallVec::new();
+            for _ in 0..MOST_PROPOSALS {
+                let tcp = place.draw(rng)?;
+                let mounts = [
+                    tcp * giver.tool.tcp.inverse(),
+                    bases.inverse() * tcp * hands * receiver.tool.tcp.inverse(),
+                ];
+                let is_beyond = |arm: &Arm, mount| arm.model.is_beyond(&arm.limits, mount);
+                if is_beyond(giver, &mounts[0]) || is_beyond(receiver, &mounts[1]) {
+                    continue;
+                }
+                proposals.push((place.ease(&tcp, &hands), mounts));
+                if proposals.len() == PROPOSALS_COMPARED {
+                    break;
+                }
             }
-            let mut solve = |(arm, mount): (&Arm, Pose)| {
+            proposals.sort_by(|a, b| b.0.total_cmp(&a.0));
+            let mut solve = |arm: &Arm, mount: &Pose| {
                 let mut solutions = Vec::new();
-                arm.inverse(&mount, 2, rng, &mut solutions);
+                arm.inverse(mount, 2, rng, &mut solutions);
                 (!solutions.is_empty()).then_some(solutions)
             };
-            let [giving, taking] = mounts;
-            Some((solve(giving)?, solve(taking)?))
+            proposals
+                .iter()
+                .find_map(|(_, [giving, taking])| Some((solve(giver, giving)?, solve(receiver, taking)?)))
         };
         let drawn = self.drawn.entry(pair.stance.hands).or_default();
         let known = || self.seen.get(&seen_key(self.query, &pair.giver_hold, &pair.receiver_hold));

@@ -76,6 +76,18 @@ impl MeetingPlace {
         Some(Pose::from_parts(place.into(), random_rotation(rng)))
     }
 
+    /// How much the hands point away from where their arms come from, when the giver's TCP is at `tcp` and the receiver's at
+    /// `hands` in it: the sum of two cosines. Where it is great, wrists and elbows need not bend far.
+    pub(super) fn ease(&self, tcp: &Pose, hands: &Pose) -> f64 {
+        let place = tcp.translation.vector;
+        let turns = [tcp.rotation, tcp.rotation * hands.rotation];
+        let outwards = |(ball, turn): (&Ball, UnitQuaternion<f64>)| {
+            let from = place - ball.centre;
+            (turn * Vec3::z()).dot(&from) / from.norm().max(f64::EPSILON)
+        };
+        self.balls.iter().zip(turns).map(outwards).sum()
+    }
+
     fn place(&self, rng: &mut Rng) -> Option<Vec3> {
         let (low, high) = self.range;
         if low >= high || self.aside <= 0.0 {
@@ -136,5 +148,25 @@ mod tests {
                 assert!(if meets { found > 190 } else { found == 0 }, "{apart} {sizes:?}: {found}");
             }
         }
+    }
+
+    #[test]
+    fn it_is_easy_where_both_hands_point_away_from_their_arms() {
+        let bases = Pose::translation(1.0, 0.0, 0.0);
+        let place = MeetingPlace::new(
+            Ball { centre: Vec3::zeros(), radius: 1.0 },
+            Ball { centre: Vec3::zeros(), radius: 1.0 },
+            &bases,
+        );
+        // The giver's hand points along +x, and the receiver's faces it.
+        let towards = UnitQuaternion::from_axis_angle(&Vec3::y_axis(), std::f64::consts::FRAC_PI_2);
+        let facing = UnitQuaternion::from_axis_angle(&Vec3::y_axis(), std::f64::consts::PI);
+        let tcp = Pose::from_parts(Vec3::new(0.5, 0.0, 0.0).into(), towards);
+        let hands = Pose::from_parts(Vec3::zeros().into(), facing);
+        assert!((place.ease(&tcp, &hands) - 2.0).abs() < 1e-12);
+        let back = Pose::from_parts(tcp.translation, towards * facing);
+        assert!((place.ease(&back, &hands) + 2.0).abs() < 1e-12);
+        // Both pointing the same way: one easy, one hard.
+        assert!(place.ease(&tcp, &Pose::identity()).abs() < 1e-12);
     }
 }
