@@ -668,14 +668,15 @@ mod tests {
             if moves {
                 // Whoever acts may have got another way since, past where the other stood.
                 made_way += usize::from(meets);
+                needless += usize::from(!meets);
             } else {
                 assert!(!meets);
                 stayed += 1;
             }
         }
         assert!(
-            stayed > 100 && made_way > 20 && failed * 5 < stayed + made_way,
-            "{stayed} {made_way} {failed}"
+            stayed > 100 && made_way > 15 && needless < made_way && failed < made_way,
+            "{stayed} {made_way} {needless} {failed}"
         );
     }
 }
