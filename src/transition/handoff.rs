@@ -36,8 +36,10 @@ const PAIRS_COMPARED: usize = 10;
 const MOST_PROPOSALS: usize = 16;
 const PROPOSALS_COMPARED: usize = 3;
 
-/// Candidates to choose from for each handoff that is wanted, where one may be nearer than another.
+/// Candidates to choose from for each handoff that is wanted, where one may be nearer than another; and where hands are to
+/// face each other, which is where time is short.
 const HANDFUL: usize = 6;
+const SMALL_HANDFUL: usize = 4;
 
 /// Which handoff is asked for.
 #[derive(Debug, Clone)]
@@ -293,7 +295,8 @@ impl<'s, 'q> Sampler<'s, 'q> {
 
     fn sample(&mut self, tries: usize, most: usize, rng: &mut Rng) -> Vec<HandoffContact> {
         let all_are_equal = self.query.giver_near.is_empty() && self.query.receiver_near.is_empty();
-        let handful_size = if all_are_equal { 1 } else { HANDFUL * most };
+        let handful = if self.pointing.is_some() { SMALL_HANDFUL } else { HANDFUL };
+        let handful_size = if all_are_equal { 1 } else { handful * most };
         let mut found: Vec<HandoffContact> = Vec::new();
         let mut left = tries;
         while left > 0 && found.len() < most {
