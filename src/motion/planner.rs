@@ -16,7 +16,7 @@ use super::legs::{Leg, Legs, time_legs};
 use super::roadmap::Roadmap;
 use super::schedule::{Conflict, PairTimes, schedule};
 use super::task::{ArmGoal, StepTask};
-use super::timed::{CurveMotion, Instants, StepMotion, pieces};
+use super::timed::{CurveMotion, Instants, StepMotion, Window, pieces};
 
 /// Vertices that a fresh roadmap gets.
 const FIRST_VERTICES: usize = 300;
@@ -97,6 +97,8 @@ struct Begun {
 struct Way<'l> {
     arm: usize,
     curve: &'l Curve,
+    /// What may touch, and when.
+    windows: &'l [Window],
     table: CurveTable,
 }
 
@@ -149,7 +151,8 @@ impl<'a> StepPlanner<'a> {
         Self { problem, world, roadmaps, rng: seed.stream("motion"), failed: None, is_hasty: false }
     }
 
-    /// Whether attempts that are not thorough give up sooner, where other contacts may be easier.
+    /// Whether attempts that are not thorough give up sooner, where other contacts may be easier, and leave arms without an
+    /// action where they are unless they are in the way.
     pub fn set_hasty(&mut self, is_hasty: bool) {
         self.is_hasty = is_hasty;
     }
@@ -448,7 +451,7 @@ impl<'a> StepPlanner<'a> {
                 {
                     Idle::Stay
                 }
-                _ => Idle::Refuge(self.refuge(task, legs, arm)),
+                _ => Idle::Refuge(self.refuge(task, round, legs, arm)),
             };
             let other = if arm == a { b } else { a };
             let at_end = dispute.is_multiple_of(2);
@@ -489,10 +492,12 @@ impl<'a> StepPlanner<'a> {
             if blocked.is_empty() {
                 continue;
             }
-            let in_any = |q: &Config| ways.iter().any(|way| self.is_in_the_way(task, way, index, q));
+            let is_clear = |q: &Config| {
+                !self.is_in_any_way(task, &ways, index, q) && self.is_clear_of_idle(task, round, index, q)
+            };
             round.idle[index] = match &task.arms[index].goal {
-                ArmGoal::Toward(q) if !in_any(q) => Idle::Ahead,
-                _ => Idle::Refuge(self.refuge(task, legs, index)),
+                ArmGoal::Toward(q) if is_clear(q) => Idle::Ahead,
+                _ => Idle::Refuge(self.refuge(task, round, legs, index)),
             };
             // The others wait for it.
             round.avoid[index].extend(blocked.into_iter().map(|other| (other, false)));
@@ -531,9 +536,9 @@ impl<'a> StepPlanner<'a> {
         is_clear(through) && split.iter().all(|(before, after)| is_clear(before) && is_clear(after))
     }
 
-    /// A configuration out of the way of all acting arms at both ends of their ways, and all along their `legs` where one
-    /// is found: home, or a roadmap vertex.
-    fn refuge(&mut self, task: &StepTask, legs: &[Legs], index: usize) -> Config {
+    /// A configuration out of the way of all acting arms at both ends of their ways, and of the others where these go, and
+    /// out of the way all along `legs` where one is found: home, or a roadmap vertex.
+    fn refuge(&mut self, task: &StepTask, round: &Round, legs: &[Legs], index: usize) -> Config {
         let home = self.problem.workcell.arms[index].home.clone();
         let mut candidates = vec![home.clone()];
         let vertices = self.roadmaps[index].vertices();
@@ -550,6 +555,7 @@ impl<'a> StepPlanner<'a> {
         let none = Exemption::default();
         let clear = |q: &Config| {
             self.world.config_free(ArmId(index), q, held, &task.scene, none)
+                && self.is_clear_of_idle(task, round, index, q)
                 && task.arms.iter().enumerate().all(|(other, arm)| {
                     let ends: Vec<&Config> = match &arm.goal {
                         _ if other == index => Vec::new(),
@@ -575,6 +581,16 @@ impl<'a> StepPlanner<'a> {
         first.unwrap_or(home)
     }
 
+    /// Whether an arm at `q` is clear of all arms without an action where these go or stay.
+    fn is_clear_of_idle(&self, task: &StepTask, round: &Round, index: usize, q: &Config) -> bool {
+        let (held, none) = (task.arms[index].held.as_ref(), Exemption::default());
+        let others = (0..task.arms.len()).filter(|&other| other != index && !task.arms[other].acts());
+        others.filter_map(|other| self.standing(task, round, other, true)).all(|other| {
+            self.world
+                .arms_apart((ArmId(index), q, held, none), (other.arm, &other.q, other.held.as_ref(), none))
+        })
+    }
+
     /// The ways of acting arms that may come near arm `index`, laid out for sampling.
     fn ways_past<'l>(&self, task: &StepTask, legs: &'l [Legs], index: usize) -> Vec<Way<'l>> {
         let here = (ArmId(index), task.arms[index].held.as_ref());
@@ -582,8 +598,8 @@ impl<'a> StepPlanner<'a> {
             *other != index && arm.acts() && self.world.may_meet(here, (ArmId(*other), arm.held.as_ref()))
         });
         past.map(|(arm, (legs, _))| {
-            let curve = &legs.through.curve;
-            Way { arm, curve, table: CurveTable::new(curve) }
+            let Leg { curve, windows, .. } = &legs.through;
+            Way { arm, curve, windows, table: CurveTable::new(curve) }
         })
         .collect()
     }
@@ -595,16 +611,18 @@ impl<'a> StepPlanner<'a> {
 
     /// The same of one way.
     fn is_in_the_way(&self, task: &StepTask, way: &Way<'_>, index: usize, q: &Config) -> bool {
-        let Way { arm, curve, table } = way;
+        let Way { arm, curve, windows, table } = way;
         let (rest, none) = (StraightMotion::rest(q), Exemption::default());
         let held = |arm: usize| task.arms[arm].held.as_ref();
-        let span = (curve.start_time(), curve.end_time());
-        let instants = Instants(CurveMotion { curve, table, span });
-        !self.world.motions_apart(
-            (ArmId(index), &rest, held(index), none),
-            (ArmId(*arm), &instants, held(*arm), none),
-            span,
-        )
+        pieces(windows, curve.start_time(), curve.end_time()).into_iter().any(|(from, to, exemption)| {
+            let span = (from, to);
+            let instants = Instants(CurveMotion { curve, table, span });
+            !self.world.motions_apart(
+                (ArmId(index), &rest, held(index), none),
+                (ArmId(*arm), &instants, held(*arm), exemption),
+                span,
+            )
+        })
     }
 }
 

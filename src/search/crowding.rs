@@ -24,7 +24,7 @@ use super::outline::Outline;
 use super::smart::Search;
 
 /// Draws of a meeting place tried before a carry counts as impossible in one hold at its end.
-const HANDOFF_TRIES: usize = 130;
+const HANDOFF_TRIES: usize = 260;
 
 /// Further samplings of contacts in a hold before they count as all in each other's way.
 const SAMPLINGS: usize = 6;

@@ -26,7 +26,7 @@ pub struct Settings {
     pub growth_period: u64,
     /// Groundings tried for one expansion.
     pub groundings: usize,
-    /// Random object poses tried for one handoff.
+    /// Draws of a meeting place tried for one handoff.
     pub handoff_tries: usize,
     /// Iterations for which a cut lasts.
     pub cut_lifetime: u64,
@@ -54,7 +54,7 @@ impl Default for Settings {
             growth: 20,
             growth_period: 50,
             groundings: 6,
-            handoff_tries: 80,
+            handoff_tries: 120,
             cut_lifetime: 60,
             brief_lifetime: 6,
             block_lifetime: 500,

@@ -31,10 +31,13 @@ const DRAWS_OF_HOLDS: usize = 40;
 /// Pairs of holds of which a draw takes that in which hands fit and face each other most, where they are to.
 const PAIRS_COMPARED: usize = 10;
 
-/// Random places for one draw of which some are kept that neither arm is plainly too far from, and how many: it is at the
-/// one of these that is easiest for both arms, or else at the next.
+/// Random places for one draw of which some are kept that neither arm is plainly too far from, and how many.
 const MOST_PROPOSALS: usize = 16;
 const PROPOSALS_COMPARED: usize = 3;
+
+/// Chance that a draw is at the one of these that is easiest for both arms, or else at the next: not always, since objects
+/// at rest or other arms may leave room only where it is not easy. Below 1.
+const EASE: f64 = 0.8;
 
 /// Candidates to choose from for each handoff that is wanted, where one may be nearer than another; and where hands are to
 /// face each other, which is where time is short.
@@ -397,7 +400,7 @@ impl<'s, 'q> Sampler<'s, 'q> {
         let solve = |rng: &mut Rng| {
             let mut proposals: SmallVec<[(f64, [Pose; 2]); PROPOSALS_COMPARED]> = SmallVec::new();
             for _ in 0..MOST_PROPOSALS {
-                let tcp = place.draw(rng)?;
+                let Some(tcp) = place.draw(rng) else { break };
                 let mounts = [
                     tcp * giver.tool.tcp.inverse(),
                     bases.inverse() * tcp * hands * receiver.tool.tcp.inverse(),
@@ -411,7 +414,9 @@ impl<'s, 'q> Sampler<'s, 'q> {
                     break;
                 }
             }
-            proposals.sort_by(|a, b| b.0.total_cmp(&a.0));
+            if rng.random_bool(EASE) {
+                proposals.sort_by(|a, b| b.0.total_cmp(&a.0));
+            }
             let mut solve = |arm: &Arm, mount: &Pose| {
                 let mut solutions = Vec::new();
                 arm.inverse(mount, 2, rng, &mut solutions);

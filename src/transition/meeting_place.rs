@@ -79,13 +79,11 @@ impl MeetingPlace {
     /// How much the hands point away from where their arms come from, when the giver's TCP is at `tcp` and the receiver's at
     /// `hands` in it: the sum of two cosines. Where it is great, wrists and elbows need not bend far.
     pub(super) fn ease(&self, tcp: &Pose, hands: &Pose) -> f64 {
-        let place = tcp.translation.vector;
-        let turns = [tcp.rotation, tcp.rotation * hands.rotation];
-        let outwards = |(ball, turn): (&Ball, UnitQuaternion<f64>)| {
-            let from = place - ball.centre;
-            (turn * Vec3::z()).dot(&from) / from.norm().max(f64::EPSILON)
+        let outwards = |(ball, tcp): (&Ball, Pose)| {
+            let from = tcp.translation.vector - ball.centre;
+            (tcp.rotation * Vec3::z()).dot(&from) / from.norm().max(f64::EPSILON)
         };
-        self.balls.iter().zip(turns).map(outwards).sum()
+        self.balls.iter().zip([*tcp, tcp * hands]).map(outwards).sum()
     }
 
     fn place(&self, rng: &mut Rng) -> Option<Vec3> {

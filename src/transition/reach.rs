@@ -16,7 +16,7 @@ use super::handoff::HandoffQuery;
 use super::memory::{HandoffQuestion, Matter, ReachMemory, RestQuestion};
 
 /// Draws of a meeting place tried before a handoff counts as impossible.
-const HANDOFF_TRIES: usize = 130;
+const HANDOFF_TRIES: usize = 260;
 
 /// Reach by sampled transitions; what it grounds stays in its [`Contacts`], what it finds out in a
 /// [`ReachMemory`].
