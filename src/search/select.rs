@@ -266,7 +266,7 @@ impl Search<'_> {
     }
 
     /// Whether the guidance for all objects at once met [`SETBACKS_BORNE`] before there is a plan: from then on as
-    /// much as can be is done of each step, rather than the guidance asked again, and idle arms stay put.
+    /// much as can be is done of each step, rather than the guidance asked again, and idle arms are given nowhere to go.
     pub(super) fn struggles(&self) -> bool {
         let is_smart = matches!(self.problem.options.guidance, GuidanceKind::Smart);
         is_smart && self.best.is_none() && self.setbacks >= SETBACKS_BORNE
