@@ -1,6 +1,7 @@
 //! Ctrl-c as a cancellation.
 
-use tokio::signal::unix::{SignalKind, signal};
+use std::future::{Future as _, poll_fn};
+use std::task::Poll;
 
 use crate::run::CancelToken;
 
@@ -8,9 +9,13 @@ use crate::run::CancelToken;
 /// right afterwards is not lost, and does not end the process.
 pub(super) fn cancels(cancel: CancelToken) {
     let Ok(runtime) = tokio::runtime::Builder::new_current_thread().enable_all().build() else { return };
-    let Ok(mut interrupts) = runtime.block_on(async { signal(SignalKind::interrupt()) }) else { return };
+    let mut interrupt = Box::pin(tokio::signal::ctrl_c());
+    // Interrupts are listened for since it is polled for the first time.
+    if runtime.block_on(poll_fn(|context| Poll::Ready(interrupt.as_mut().poll(context)))).is_ready() {
+        return;
+    }
     std::thread::spawn(move || {
-        if runtime.block_on(interrupts.recv()).is_some() {
+        if runtime.block_on(interrupt).is_ok() {
             cancel.cancel();
         }
     });
