@@ -83,8 +83,26 @@ pub struct HandoffContact {
     pub cost: f64,
 }
 
-/// Draws looked at: by the giver's hold and the receiver's, giver and receiver.
-type Seen = BTreeMap<(Grains, Grains, usize, usize), usize>;
+/// Chance that a draw in holds of which no remembered draw hit is made at all. Above 0: rare handoffs are found at last.
+const HOPE: f64 = 0.06;
+
+/// What was looked at of the sequence of a pair of holds.
+#[derive(Debug, Clone, Copy, Default)]
+struct Looked {
+    /// How many draws.
+    draws: usize,
+    /// Whether one of them hit.
+    hit: bool,
+}
+
+impl Looked {
+    fn and(self, other: Self) -> Self {
+        Self { draws: self.draws.max(other.draws), hit: self.hit || other.hit }
+    }
+}
+
+/// What was looked at, by the giver's hold and the receiver's, giver and receiver.
+type Seen = BTreeMap<(Grains, Grains, usize, usize), Looked>;
 
 /// Samples handoffs, and goes through the sequence of draws of every pair of holds from its beginning on.
 #[derive(Debug, Clone)]
@@ -96,7 +114,6 @@ pub(super) struct Handoffs<'a> {
     kinds: Vec<(usize, Ball)>,
     /// By object, its class in the memory, and the rotations that map its shape onto itself.
     classes: Arc<[(Class, Vec<UnitQuaternion<f64>>)]>,
-    /// How many draws were looked at.
     seen: Seen,
     /// What the mode graph was told: by giver, receiver and class.
     witnessed: BTreeMap<(ArmId, ArmId, Class), Vec<HandoffWitness>>,
@@ -234,8 +251,8 @@ struct Pair {
     receiver_hold: Pose,
     stance: Stance,
     sequence: Arc<Sequence>,
-    /// Draws of the sequence that were looked at, where somebody asked.
-    seen: Option<usize>,
+    /// What was looked at of the sequence, where somebody asked.
+    seen: Option<Looked>,
     /// The giver's hold up to what the object's symmetry makes equal, where it was asked for.
     like: Option<Grains>,
 }
@@ -254,9 +271,9 @@ struct Sampler<'s, 'q> {
     meeting_place: MeetingPlace,
     /// By pair of holds, the receiver's counted within the giver's, where the hands fit; for those that were asked for.
     pairs: Vec<Option<Option<Box<Pair>>>>,
-    /// By how the hands stand to each other, the draws that were looked at for any pair of holds: pairs that an object's
-    /// symmetry makes equal do not look at the same ones.
-    drawn: BTreeMap<Grains, usize>,
+    /// By how the hands stand to each other, what was looked at for any pair of holds: pairs that an object's symmetry
+    /// makes equal do not look at the same draws.
+    drawn: BTreeMap<Grains, Looked>,
     seen: Seen,
     /// The directions in which the giver's hand points and the receiver's, by hold, in the object's frame, where hands are
     /// to face each other: see [`Handoffs::prefer_facing`].
@@ -331,7 +348,7 @@ impl<'s, 'q> Sampler<'s, 'q> {
                 // Two grasps may be the same hold.
                 let key = seen_key(self.query, &pair.giver_hold, &pair.receiver_hold);
                 let known = self.seen.entry(key).or_default();
-                *known = seen.max(*known);
+                *known = known.and(seen);
             }
         }
         self.seen
@@ -428,13 +445,16 @@ impl<'s, 'q> Sampler<'s, 'q> {
         };
         let drawn = self.drawn.entry(pair.stance.hands).or_default();
         let known = || self.seen.get(&seen_key(self.query, &pair.giver_hold, &pair.receiver_hold));
-        let seen = pair.seen.unwrap_or_else(|| known().copied().unwrap_or(0));
-        let next = seen.max(*drawn);
-        let meeting = if next < MOST_DRAWN {
-            (pair.seen, *drawn) = (Some(next + 1), next + 1);
-            pair.sequence.get(&pair.stance, next, draws, solve)
-        } else {
+        let seen = pair.seen.unwrap_or_else(|| known().copied().unwrap_or_default()).and(*drawn);
+        let meeting = if seen.draws < MOST_DRAWN {
+            let meeting = pair.sequence.get(&pair.stance, seen.draws, draws, solve);
+            let looked = Looked { draws: seen.draws + 1, hit: seen.hit || meeting.is_some() };
+            (pair.seen, *drawn) = (Some(looked), looked);
+            meeting
+        } else if seen.hit || rng.random_bool(HOPE) {
             solve(rng).map(|(giving, taking)| Arc::new(Meeting::passing(giving, taking)))
+        } else {
+            None
         };
         let Some(meeting) = meeting else { return Draw::Miss };
         let (giving, taking) = (meeting.giving.iter().enumerate(), meeting.taking.iter().enumerate());
