@@ -328,6 +328,14 @@ impl Instance {
         Ok(())
     }
 
+    /// Whether one more object may be put down at `node`, where `count` says how many are at some nodes.
+    pub fn has_room(&self, node: NodeId, count: impl Fn(&[NodeId]) -> usize) -> bool {
+        let has_room = |nodes: &[NodeId], capacity: u32| count(nodes) < capacity as usize;
+        let sets = self.conflicts.iter().filter(|set| set.nodes.contains(&node));
+        self.nodes.get(node.0).is_some_and(|at| has_room(&[node], at.capacity))
+            && sets.into_iter().all(|set| has_room(&set.nodes, set.capacity))
+    }
+
     fn require(&self, what: &'static str, node: NodeId) -> Result<(), InstanceError> {
         if node.0 < self.nodes.len() {
             Ok(())

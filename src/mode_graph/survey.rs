@@ -3,7 +3,7 @@
 use crate::geometry::Pose;
 use crate::problem::{InitialPlacement, Problem};
 use crate::run::Control;
-use crate::workcell::{ArmId, ObjectId, SurfaceId};
+use crate::workcell::{ArmId, ObjectId, Surface, SurfaceId, rests_on};
 
 use super::fingers::finger_clearance;
 use super::footprint::Footprint;
@@ -21,6 +21,8 @@ use super::stance::{alternatives, stances};
 const MANY_GRASPS: usize = 8;
 /// Neighbouring samples are at most this many lattice pitches apart (diagonals included).
 const NEIGHBOUR: f64 = 1.6;
+/// Surfaces whose heights differ by less than this (m) may both be under one object.
+const LEVEL: f64 = 0.01;
 
 /// Which arms can pick from and place at a slot, ascending.
 #[derive(Debug, Clone, Default)]
@@ -199,9 +201,15 @@ impl Surveyor<'_> {
             let members = self.problem.objects.iter().filter(|object| object.class == class).count();
             let packing = pack(&outline, &bed, wanted, members + 1);
             (pitch, more_may_fit) = (packing.pitch, packing.more_may_fit);
+            let others = level_with(&self.problem.workcell.surfaces, surface);
+            // An object rests on one surface.
+            let is_alone = |pose: &Pose| others.iter().all(|other| rests_on(shapes, pose, other).is_err());
             for at in packing.shifts {
-                let poses: Vec<Pose> =
-                    alternatives.iter().map(|(stance, yaw)| stance.on(place, at, *yaw)).collect();
+                let poses = alternatives.iter().map(|(stance, yaw)| stance.on(place, at, *yaw));
+                let poses: Vec<Pose> = poses.filter(is_alone).collect();
+                if poses.is_empty() {
+                    continue;
+                }
                 let arms = self.spot_arms(&reachable, member, class, &poses, surface);
                 samples.push(Sample { at, arms });
                 spots.push(Some(Spot { poses }));
@@ -310,4 +318,20 @@ impl Surveyor<'_> {
         }
         holds
     }
+}
+
+/// The surfaces that overlap the one with number `surface`, and are level with it.
+fn level_with(surfaces: &[Surface], surface: SurfaceId) -> Vec<&Surface> {
+    let this = &surfaces[surface.0];
+    let size = |surface: &Surface| surface.half_extents[0].hypot(surface.half_extents[1]);
+    let others = surfaces.iter().enumerate().filter(|(other, _)| *other != surface.0);
+    others
+        .map(|(_, other)| other)
+        .filter(|other| {
+            let offset = other.pose.translation.vector - this.pose.translation.vector;
+            offset.norm() < size(this) + size(other) + LEVEL
+                && offset.dot(&this.normal()).abs() < LEVEL
+                && other.normal().dot(&this.normal()) > 0.99
+        })
+        .collect()
 }

@@ -14,6 +14,7 @@ mod composite;
 mod connect;
 mod legs;
 mod planner;
+mod right_of_way;
 mod roadmap;
 mod schedule;
 mod task;

@@ -22,6 +22,9 @@ pub(super) use memo::{KnownEdges, Situation};
 /// Configurations that are drawn and checked at a time.
 const BATCH: usize = 8;
 
+/// Vertices beyond which a roadmap does not grow: it takes up some tens of megabytes then.
+const MOST_VERTICES: usize = 20_000;
+
 /// Share of the draws that may lie outside a turn about home, where limited joints can turn so far.
 const WINDING: f64 = 0.1;
 
@@ -205,7 +208,7 @@ impl Roadmap {
     ) {
         let empty = Scene::default();
         let mut tries = 0;
-        let target = self.vertices.len() + count;
+        let target = (self.vertices.len() + count).min(MOST_VERTICES);
         if self.vertices.is_empty() {
             self.insert(arm.home.clone());
         }
@@ -339,19 +342,21 @@ fn can_wind(arm: &Arm, joint: usize) -> bool {
 }
 
 /// The limits of a joint of `arm`; where it [`can_wind`], those of one whole turn within them, about `middle` as far as
-/// they allow: there [`crate::kinematics::ArmModel::unwind`] puts it.
+/// they allow: there [`crate::kinematics::ArmModel::unwind`] puts it. So, too, of a joint without an end whose turns are
+/// told apart by what follows it.
 pub(super) fn one_turn(arm: &Arm, joint: usize, middle: f64) -> (f64, f64) {
     let JointLimits { lower, upper, .. } = arm.limits[joint];
-    if !can_wind(arm, joint) {
+    if !can_wind(arm, joint) && lower.is_finite() && upper.is_finite() {
         return (lower, upper);
     }
     let from = (middle - PI).min(upper - TAU).max(lower);
-    (from, from + TAU)
+    (from, (from + TAU).min(upper))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::kinematics::LinkMotion;
     use crate::run::Seed;
     use crate::scenario::{Family, RobotKind, generate_with};
     use crate::wire::{LibraryOnly, ReadLimits, read_problem_value};
@@ -391,6 +396,20 @@ mod tests {
         assert!(
             (0..6).all(|sixth| share(f64::from(sixth) * TAU / 6.0, f64::from(sixth + 1) * TAU / 6.0) > 0.05)
         );
+    }
+
+    #[test]
+    fn an_endless_joint_that_drives_another_by_half_is_sampled() {
+        let mut arm = problem(RobotKind::UrType).workcell.arms[0].clone();
+        [arm.limits[0].lower, arm.limits[0].upper] = [f64::NEG_INFINITY, f64::INFINITY];
+        for link in &mut std::sync::Arc::make_mut(&mut arm.model).links {
+            if let LinkMotion::Revolute { joint: 0, multiplier, .. } = &mut link.motion {
+                *multiplier = 0.5;
+            }
+        }
+        assert!(!arm.model.is_periodic(0));
+        let mut rng = Seed(1).stream("draw");
+        assert!((0..200).all(|_| draw(&arm, &mut rng)[0].abs() <= arm.home[0].abs() + TAU));
     }
 
     #[test]

@@ -115,8 +115,9 @@ pub(super) fn schedule(
                         continue;
                     }
                     let waits = if is_hasty { &HASTY_WAITS[..] } else { &WAITS[..] };
-                    let passing = waits.iter().find_map(|wait| {
-                        let next = later(*wait);
+                    let until_over = Some(over).filter(|over| *over > LONGEST_WAIT);
+                    let passing = waits.iter().copied().chain(until_over).find_map(|wait| {
+                        let next = later(wait);
                         let timings = search.timings(&next);
                         search.is_apart(conflict, &timings, true).then_some(next)
                     });
@@ -303,8 +304,10 @@ impl<'a> Search<'a> {
 impl Search<'_> {
     fn timings(&self, delays: &[u32]) -> Vec<Timing> {
         let arms = &self.task.arms;
+        // No rest is shorter than the least spacing of breakpoints.
+        let dwell = |dwell: f64| if dwell > 0.0 { dwell.max(MIN_SPACING_S) } else { 0.0 };
         let mut start: Vec<f64> =
-            delays.iter().zip(arms).map(|(&d, arm)| arm.dwell + f64::from(d) * TICK).collect();
+            delays.iter().zip(arms).map(|(&d, arm)| dwell(arm.dwell) + f64::from(d) * TICK).collect();
         for (i, arm) in arms.iter().enumerate() {
             if let Some(giver) = arm.wait_for {
                 start[i] = start[i].max(start[giver.0] + self.legs[giver.0].through.departed);

@@ -13,7 +13,7 @@ use crate::problem::{Objective, Problem};
 use crate::run::{CancelToken, Control, Deadline, Seed};
 use crate::search::{Candidate, Map, Report, Search, Settings};
 use crate::transition::{Contacts, SampledReach};
-use crate::verify::verify;
+use crate::verify::verify_unless;
 
 use super::cache::PlannerCache;
 use super::event::{Outcome, PlannerEvent, Termination};
@@ -111,13 +111,15 @@ fn run(
     }
     // A plan in hand may do at once what is found here not to go together.
     if known.is_none() {
-        search = settle(search, &others, begin, control);
+        search = settle(search, &others, &begin, control);
     }
     let run = Run {
         problem,
         world: &world,
         roadmaps: compiled.roadmaps(),
-        map: search.map(),
+        map: Mutex::new(search.map()),
+        others: &others,
+        begin: &begin,
         control,
         known,
         bound,
@@ -146,22 +148,19 @@ fn run(
     outcome
 }
 
+/// Makes a search of a map and the contacts known.
+type Begin<'a> = dyn Fn(&'a Map, Contacts<'a>) -> Search<'a> + Sync + 'a;
+
 /// `search`, or one like it on a mode graph to which it was added what cannot be done at once on the way that it
-/// sets out on, unless that leaves no way. `begin` makes a search of a map, which is kept in one of `maps`, and the
-/// contacts known.
+/// sets out on, unless that leaves no way. The maps are kept in `maps`.
 fn settle<'a>(
     mut search: Search<'a>,
     maps: &'a [OnceLock<Map>],
-    begin: impl Fn(&'a Map, Contacts<'a>) -> Search<'a>,
+    begin: &Begin<'a>,
     control: &Control,
 ) -> Search<'a> {
-    for place in maps {
-        let Some(crowding) = search.crowding(control) else { break };
-        tracing::debug!(?crowding, "two ends of carries leave each other no room");
-        let mut graph = search.map().graph().clone();
-        graph.crowdings.push(crowding);
-        let Ok(map) = Map::new(graph) else { break };
-        let next = begin(place.get_or_init(|| map), search.contacts().clone());
+    while let Some(map) = crowded_map(&mut search, maps, control) {
+        let next = begin(map, search.contacts().clone());
         if !next.knows_a_way() {
             break;
         }
@@ -170,23 +169,37 @@ fn settle<'a>(
     search
 }
 
-/// The mode graph on which a run with this `seed` searches, made of the `graph` that was built with `reach`: with what
-/// cannot be done at once on the way that it sets out on.
+/// The map of `search`, in a free place of `maps`, with what was found not to go together on its way.
+fn crowded_map<'a>(search: &mut Search<'a>, maps: &'a [OnceLock<Map>], control: &Control) -> Option<&'a Map> {
+    let place = maps.iter().find(|place| place.get().is_none())?;
+    let crowding = search.crowding(control)?;
+    tracing::debug!(?crowding, "two ends of carries leave each other no room");
+    let mut graph = search.map().graph().clone();
+    graph.crowdings.push(crowding);
+    let map = Map::new(graph).ok()?;
+    Some(place.get_or_init(|| map))
+}
+
+/// The mode graph on which a run with this `seed` comes to search, made of the `graph` that was built with `reach`: with
+/// what cannot be done at once on the ways with the fewest steps.
 pub fn settled_mode_graph<'a>(
     problem: &'a Problem,
     world: &'a CollisionWorld,
     graph: ModeGraph,
     reach: SampledReach<'a>,
     seed: Seed,
-    control: &Control,
+    control: &'a Control,
 ) -> ModeGraph {
     let Ok(map) = Map::new(graph.clone()) else { return graph };
     let others: [OnceLock<Map>; MOST_CROWDINGS] = Default::default();
     // What is asked here takes no motions.
     let begin = |map, contacts| {
-        Search::new(problem, world, map, contacts, Vec::new(), Settings::default(), seed, control)
+        let settings = Settings::default();
+        let mut search = Search::new(problem, world, map, contacts, Vec::new(), settings, seed, control);
+        search.examine(control);
+        search
     };
-    let search = settle(begin(&map, reach.into_contacts()), &others, begin, control);
+    let search = settle(begin(&map, reach.into_contacts()), &others, &begin, control);
     search.map().graph().clone()
 }
 
@@ -219,7 +232,11 @@ struct Run<'a, 'o> {
     problem: &'a Problem,
     world: &'a CollisionWorld,
     roadmaps: &'a [Roadmap],
-    map: &'a Map,
+    /// What threads that join search on.
+    map: Mutex<&'a Map>,
+    /// Places for further maps, and how a search begins on one.
+    others: &'a [OnceLock<Map>],
+    begin: &'a Begin<'a>,
     control: &'a Control,
     /// A plan to begin from.
     known: Option<&'a Plan>,
@@ -273,7 +290,8 @@ impl<'a> Run<'a, '_> {
                     if self.should_stop() {
                         return;
                     }
-                    let (problem, world, map) = (self.problem, self.world, self.map);
+                    let (problem, world) = (self.problem, self.world);
+                    let map = *self.map.lock().unwrap_or_else(PoisonError::into_inner);
                     let search =
                         Search::new(problem, world, map, contacts, roadmaps, settings, own, self.control);
                     self.search(search);
@@ -284,10 +302,39 @@ impl<'a> Run<'a, '_> {
         });
     }
 
+    /// `search`, which has just come to the first plan, or one like it that goes on from there: where the mode graph
+    /// promises fewer steps than the plan has, and on the way that it promises something cannot be done at once, on a graph
+    /// that knows so.
+    fn settle_for_less(&self, mut search: Search<'a>) -> Search<'a> {
+        let Some(plan) = self.lock(|board| board.best.clone()) else { return search };
+        loop {
+            search.examine(self.control);
+            if !search.wants_fewer_steps() {
+                return search;
+            }
+            let Some(map) = crowded_map(&mut search, self.others, self.control) else { return search };
+            let mut next = (self.begin)(map, search.contacts().clone());
+            if !next.knows_a_way() || next.resume(&plan, self.control).is_err() {
+                return search;
+            }
+            next.examine(self.control);
+            // What was done once can be done.
+            if next.certificate().is_none_or(|proved| proved.lower_bound > plan.metrics.steps) {
+                return search;
+            }
+            search = next;
+            *self.map.lock().unwrap_or_else(PoisonError::into_inner) = map;
+        }
+    }
+
     /// Waits until there is a plan, or for [`ALONE`].
     fn wait_to_join(&self) {
         let begun = self.under_way.lock().unwrap_or_else(PoisonError::into_inner);
         drop(self.joining.wait_timeout_while(begun, ALONE, |under_way| !*under_way));
+    }
+
+    fn others_may_join(&self) -> bool {
+        *self.under_way.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     fn let_others_join(&self) {
@@ -326,6 +373,10 @@ impl<'a> Run<'a, '_> {
                     if let Some(cost) = self.judge(&candidate, certificate.as_ref()) {
                         search.accept(cost);
                         own = Some(cost);
+                        if !self.others_may_join() && !self.should_stop() {
+                            search = self.settle_for_less(search);
+                        }
+                        self.let_others_join();
                     }
                 }
                 Report::Solved(candidate) => {
@@ -412,7 +463,10 @@ impl<'a> Run<'a, '_> {
         let candidate_s = self.control.deadline.elapsed_s();
         let mut plan = self.assemble(candidate, certificate);
         let handed_in_s = self.control.deadline.elapsed_s();
-        let verdict = verify(self.problem, &plan);
+        // The first plan is judged to the end, even when its time has come.
+        let is_first = self.lock(|board| board.best.is_none());
+        let is_over = || self.control.cancel.is_cancelled() || !is_first && self.control.deadline.passed();
+        let verdict = verify_unless(self.problem, &plan, &is_over)?;
         let judged_s = self.control.deadline.elapsed_s();
         let valid = verdict.valid;
         self.lock(|board| {
@@ -428,7 +482,7 @@ impl<'a> Run<'a, '_> {
             return None;
         }
         plan.verification = Some(verdict.verification());
-        let published = self.lock(|board| {
+        self.lock(|board| {
             // Another thread may have been faster.
             if board.cost.is_some_and(|best| cost >= best) {
                 return None;
@@ -442,9 +496,7 @@ impl<'a> Run<'a, '_> {
             board.best = Some(plan);
             self.check_goals(board, candidate.duration, candidate.steps);
             Some(cost)
-        });
-        self.let_others_join();
-        published
+        })
     }
 
     fn check_goals(&self, board: &mut Board<'_>, duration: f64, steps: usize) {

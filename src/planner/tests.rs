@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use super::{PlannerCache, PlannerEvent, improve_with, plan_with};
+use super::{PlannerCache, PlannerEvent, improve_with, plan_with, settled_mode_graph};
 use crate::collision::CollisionWorld;
 use crate::mode_graph::{ModeGraphOptions, build_mode_graph};
 use crate::motion::first_roadmaps;
@@ -278,5 +278,36 @@ fn threads_go_on_from_each_others_plans() {
     for candidate in better {
         let objective = problem.options.objective;
         assert!(candidate.cost(objective) < goal.metrics.cost(objective));
+    }
+}
+
+/// The thorough look after the first plan promises a way with a step less, on which two arms would have to be where there
+/// is room for one.
+#[test]
+fn the_optimum_is_that_of_a_graph_that_knows_what_does_not_go_together() {
+    let text = include_str!("../../scenarios/switch/4x4.json");
+    let document = serde_json::from_str(text).unwrap();
+    let mut problem = read_problem_value(&document, &LibraryOnly, &ReadLimits::default()).unwrap().problem;
+    problem.options.time_budget_s = 600.0;
+    let control = Control::unbounded();
+    let world = CollisionWorld::new(&problem);
+    let seed = Seed(problem.options.seed);
+    let mut reach = SampledReach::new(&problem, &world, seed);
+    let graph = build_mode_graph(&problem, &mut reach, &ModeGraphOptions::planning(), &control);
+    assert!(graph.crowdings.is_empty());
+    let settled = settled_mode_graph(&problem, &world, graph, reach, seed, &control);
+    assert!(!settled.crowdings.is_empty());
+    for threads in [1, 2] {
+        problem.options.threads = threads;
+        problem.options.max_iterations = Some(60);
+        let mut last = None;
+        plan_with(&PlannerCache::new(0), &problem, &control, &mut |event| {
+            if let PlannerEvent::Incumbent(plan) = event {
+                assert!(verify(&problem, plan).valid);
+                last = Some(plan.metrics.clone());
+            }
+        });
+        let last = last.unwrap();
+        assert_eq!((last.steps, last.mode_graph_optimum), (6, Some(6)));
     }
 }

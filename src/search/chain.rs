@@ -223,11 +223,7 @@ impl ChainPlanner<'_, '_> {
         if self.contacts.is_clear_of(query, hold, &scene) {
             return Vec::new();
         }
-        // Those sampled later are among all that are known, and not among the first.
         let known = self.contacts.at(query, hold);
-        if known.iter().any(|contact| self.contacts.is_clear(query, contact, &scene)) {
-            return Vec::new();
-        }
         let mut alone = |neighbour: &Neighbour, all: bool| {
             let scene = scene_of(std::slice::from_ref(neighbour));
             let mut blocked = known.iter().map(|contact| !self.contacts.is_clear(query, contact, &scene));

@@ -104,7 +104,11 @@ impl Search<'_> {
         if !is_smart || !self.asks_freely() || self.tree[0].is_goal {
             return None;
         }
-        let (guide, mut outline) = self.advise(0, control)?;
+        if self.tree[0].guided_at != self.version {
+            self.guide(0, control);
+        }
+        let guide = self.tree[0].guide.clone()?;
+        let (guide, mut outline) = self.unobstructed(0, guide, control)?;
         let rng = self.seed.stream("crowding");
         let mut look = Look { control, rng, compared: 0, asked: 0 };
         let mut crowded = None;

@@ -98,11 +98,12 @@ impl<'a> Grounder<'a> {
         problem: &'a Problem,
         world: &'a CollisionWorld,
         map: &'a Map,
-        contacts: Contacts<'a>,
+        mut contacts: Contacts<'a>,
         settings: &Settings,
         seed: Seed,
         control: &Control,
     ) -> Self {
+        contacts.heed(control);
         Self {
             problem,
             world,

@@ -6,7 +6,7 @@ use rand::Rng as _;
 use rand::seq::SliceRandom;
 
 use crate::geometry::Pose;
-use crate::guidance::{Guide, Move};
+use crate::guidance::{Guide, Move, NodeId};
 use crate::kinematics::Config;
 use crate::transition::{ContactKind, ContactQuery};
 use crate::workcell::{ArmId, ObjectId, SurfaceId};
@@ -199,8 +199,20 @@ impl<'a> Grounder<'a> {
             // Where grasps do not fit together all the way, the object is put down on a buffer once,
             // to be taken up in another way.
             if number == 0 && failures >= DETOUR_AFTER {
+                // Those that are there by then, as far as the guide goes.
+                let others = |nodes: &[NodeId]| {
+                    let comes = |other: usize| {
+                        let legs = outline.legs.iter().filter(|one| one.object == other);
+                        legs.into_iter().any(|one| nodes.contains(&one.end) && one.ends() <= leg.ends())
+                    };
+                    let there = |(other, at): (usize, &NodeId)| {
+                        other != object && (nodes.contains(at) || comes(other))
+                    };
+                    vertex.mode.iter().enumerate().filter(|one| there(*one)).count()
+                };
+                let instance = self.map.network().instance();
                 let mut detours = self.map.regions_of(object, last);
-                detours.retain(|&node| node != leg.end);
+                detours.retain(|&node| node != leg.end && instance.has_room(node, others));
                 detours.shuffle(&mut self.rng);
                 for node in detours {
                     let mut targets = self.map.placements(object, node);

@@ -77,9 +77,7 @@ impl Search<'_> {
 
     fn refine_step(&mut self, number: usize, control: &Control) -> Option<usize> {
         let old = self.step(number)?;
-        let mut task = old.task.clone();
-        pin(&mut task, &old.motion, None);
-        let motion = self.planner.plan(&task, false, control).ok()?;
+        let motion = self.planner.plan(&pinned(&old.task, &old.motion, None), false, control).ok()?;
         if !self.gains(&[&old.motion], &[&motion]) {
             return None;
         }
@@ -91,12 +89,11 @@ impl Search<'_> {
     fn refine_two(&mut self, number: usize, control: &Control) -> Option<usize> {
         let (first, second) = (self.step(number)?, self.step(number + 1)?);
         let between = self.vary(number, &first, &second)?;
-        let [mut task, mut next] = between.tasks;
+        // Kept as they are: who waits may wait elsewhere another time.
+        let [task, mut next] = between.tasks;
         let mut arms = between.arms;
         let old = [&first.motion, &second.motion];
-        pin(&mut task, &first.motion, between.waits);
-        pin(&mut next, &second.motion, None);
-        let motion = self.planner.plan(&task, false, control).ok()?;
+        let motion = self.planner.plan(&pinned(&task, &first.motion, between.waits), false, control).ok()?;
         if !self.gains(&old, &[&motion]) {
             return None;
         }
@@ -105,7 +102,7 @@ impl Search<'_> {
             next.arms[arm].start = end.clone();
             arms[arm].q = end;
         }
-        let after = self.planner.plan(&next, false, control).ok()?;
+        let after = self.planner.plan(&pinned(&next, &second.motion, None), false, control).ok()?;
         if !self.gains(&old, &[&motion, &after]) {
             return None;
         }
@@ -204,8 +201,9 @@ impl Search<'_> {
     }
 }
 
-/// Arms without an action have to end where they did, all but the one that waits elsewhere.
-pub(super) fn pin(task: &mut StepTask, motion: &StepMotion, but: Option<ArmId>) {
+/// `task` where arms without an action have to end as they did, all but the one that waits elsewhere.
+pub(super) fn pinned(task: &StepTask, motion: &StepMotion, but: Option<ArmId>) -> StepTask {
+    let mut task = task.clone();
     for (index, (arm, was)) in task.arms.iter_mut().zip(&motion.arms).enumerate() {
         if !arm.acts() && but != Some(ArmId(index)) {
             arm.goal = ArmGoal::Contact {
@@ -216,4 +214,5 @@ pub(super) fn pin(task: &mut StepTask, motion: &StepMotion, but: Option<ArmId>) 
             };
         }
     }
+    task
 }

@@ -9,7 +9,7 @@ use std::sync::Arc;
 use crate::motion::StepTask;
 use crate::run::Control;
 
-use super::refine::pin;
+use super::refine::pinned;
 use super::select::cost_so_far;
 use super::smart::Search;
 use super::tree::{CostsAfter, Step, Vertex, Whereabouts};
@@ -30,17 +30,22 @@ impl Search<'_> {
         if self.tree[new].is_goal { Some(new) } else { end }
     }
 
-    fn cost(&self, vertex: usize) -> f64 {
+    fn cost(&self, vertex: usize) -> [f64; 2] {
         cost_so_far(&self.tree[vertex], self.problem.options.objective)
+    }
+
+    /// Whether the first costs plainly less than the second.
+    fn is_cheaper(&self, one: usize, other: usize) -> bool {
+        is_less(self.cost(one), self.cost(other))
     }
 
     fn adopt_parent(&mut self, new: usize, control: &Control) {
         let Some(parent) = self.tree[new].parent else { return };
         let mut others: Vec<usize> = (0..self.tree.len())
-            .filter(|&i| i != parent && i != new && self.cost(i) + LEAST_GAIN < self.cost(new))
+            .filter(|&i| i != parent && i != new && self.is_cheaper(i, new))
             .filter(|&i| alike(&self.tree[i], &self.tree[parent]))
             .collect();
-        others.sort_by(|&a, &b| self.cost(a).total_cmp(&self.cost(b)).then(a.cmp(&b)));
+        others.sort_by(|&a, &b| by_cost(self.cost(a), self.cost(b)).then(a.cmp(&b)));
         for other in others.into_iter().take(MOST_TRIED) {
             if control.should_stop() {
                 return;
@@ -53,17 +58,17 @@ impl Search<'_> {
 
     fn adopt_children(&mut self, new: usize, control: &Control) -> Option<usize> {
         let mut children: Vec<usize> = (0..self.tree.len())
-            .filter(|&child| self.cost(new) + LEAST_GAIN < self.cost(child))
+            .filter(|&child| self.is_cheaper(new, child))
             .filter(|&child| {
                 let parent = self.tree[child].parent;
                 parent.is_some_and(|parent| parent != new && alike(&self.tree[parent], &self.tree[new]))
             })
             .collect();
         // The incumbent's way first, then what costs most now.
-        let rank = |child: usize| (!self.best_way.contains(&child), -self.cost(child));
+        let rank = |child: usize| (!self.best_way.contains(&child), self.cost(child));
         children.sort_by(|&a, &b| {
             let ((a_off, a_cost), (b_off, b_cost)) = (rank(a), rank(b));
-            a_off.cmp(&b_off).then(a_cost.total_cmp(&b_cost)).then(a.cmp(&b))
+            a_off.cmp(&b_off).then(by_cost(b_cost, a_cost)).then(a.cmp(&b))
         });
         for child in children.into_iter().take(MOST_TRIED) {
             if control.should_stop() {
@@ -95,20 +100,19 @@ impl Search<'_> {
     fn by_way_of(&mut self, parent: usize, child: usize, control: &Control) -> Option<Vertex> {
         let step = self.tree[child].step.clone()?;
         let mut task: StepTask = step.task.clone();
-        pin(&mut task, &step.motion, None);
         for (arm, from) in task.arms.iter_mut().zip(&self.tree[parent].arms) {
             arm.start = from.q.clone();
             arm.departure = from.departure.clone();
             arm.wait_for = from.wait_for;
             arm.dwell = from.dwell;
         }
-        let motion = self.planner.plan(&task, false, control).ok()?;
+        let motion = self.planner.plan(&pinned(&task, &step.motion, None), false, control).ok()?;
         let mut vertex = self.tree[child].clone();
         vertex.parent = Some(parent);
         vertex.step = Some(Arc::new(Step { actions: step.actions.clone(), motion, task }));
         vertex.set_costs(CostsAfter::new(&self.tree[parent], vertex.step.as_deref()));
         let cost = cost_so_far(&vertex, self.problem.options.objective);
-        (cost + LEAST_GAIN < self.cost(child)).then_some(vertex)
+        is_less(cost, self.cost(child)).then_some(vertex)
     }
 
     /// Carries the costs of `vertex` on to all that descend from it.
@@ -126,6 +130,16 @@ impl Search<'_> {
     }
 }
 
+/// In order of cost: what comes first counts first.
+fn by_cost(a: [f64; 2], b: [f64; 2]) -> std::cmp::Ordering {
+    a[0].total_cmp(&b[0]).then(a[1].total_cmp(&b[1]))
+}
+
+/// Whether the cost `a` is less than `b` by [`LEAST_GAIN`].
+fn is_less(a: [f64; 2], b: [f64; 2]) -> bool {
+    a[0] + LEAST_GAIN < b[0] || a[0] < b[0] + LEAST_GAIN && a[1] + LEAST_GAIN < b[1]
+}
+
 /// Whether all objects are where they are in the same way.
 fn alike(a: &Vertex, b: &Vertex) -> bool {
     a.mode == b.mode
@@ -140,4 +154,17 @@ fn alike(a: &Vertex, b: &Vertex) -> bool {
             ) => arm == other_arm && object_in_tcp == other_hold,
             _ => false,
         })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_comes_first_counts_first() {
+        assert!(is_less([2.0, 9.0], [3.0, 1.0]) && !is_less([3.0, 1.0], [2.0, 9.0]));
+        assert!(is_less([2.0, 1.0], [2.0, 1.1]) && !is_less([2.0, 1.0], [2.0, 1.0]));
+        assert!(!is_less([2.0, 1.0], [2.0, 1.0 + LEAST_GAIN / 2.0]));
+        assert!(by_cost([2.0, 9.0], [3.0, 1.0]).is_lt() && by_cost([2.0, 9.0], [2.0, 1.0]).is_gt());
+    }
 }

@@ -47,13 +47,11 @@ impl Search<'_> {
         if self.tree[0].is_goal {
             return Some(0);
         }
-        let (best, objective) = (self.best, self.problem.options.objective);
-        let open = |vertex: &Vertex| {
-            !vertex.is_goal && best.is_none_or(|best| cost_so_far(vertex, objective) < best[0])
-        };
         let settings = &self.settings;
         let bias = if self.is_crowded() { settings.crowded_bias } else { settings.goal_bias };
         let biased = self.rng.random_bool(bias);
+        let best = self.best;
+        let open = |vertex: &Vertex| !vertex.is_goal && !self.is_beaten(vertex);
         let candidates: Vec<usize> = (0..self.tree.len()).filter(|&i| open(&self.tree[i])).collect();
         if !biased {
             return candidates.choose(&mut self.rng).copied().or(Some(0));
@@ -100,8 +98,19 @@ impl Search<'_> {
         on_way.choose(&mut self.rng).or_else(|| candidates.choose(&mut self.rng)).copied().or(Some(0))
     }
 
+    /// Whether no plan by way of `vertex` can be better than the incumbent.
+    pub(super) fn is_beaten(&self, vertex: &Vertex) -> bool {
+        let objective = self.problem.options.objective;
+        let mut least = cost_so_far(vertex, objective);
+        if matches!(objective, Objective::Steps) && !vertex.is_goal {
+            least[0] += 1.0;
+        }
+        let second = if matches!(objective, Objective::Steps) { 1 } else { 0 };
+        self.best.is_some_and(|best| least[..=second] >= best[..=second])
+    }
+
     /// Whether the incumbent has more steps than the mode graph asks for.
-    pub(super) fn wants_fewer_steps(&self) -> bool {
+    pub fn wants_fewer_steps(&self) -> bool {
         self.best.is_some() && self.best_way.len() > self.least_steps + 1
     }
 
@@ -154,7 +163,17 @@ impl Search<'_> {
         if self.tree[tau].guide.is_none() || self.tree[tau].guided_at != self.version {
             self.guide(tau, control);
         }
-        let mut guide = self.guidance_for(tau, control)?;
+        let guide = self.guidance_for(tau, control)?;
+        self.unobstructed(tau, guide, control)
+    }
+
+    /// [`Self::advise`] along `guide`.
+    pub(super) fn unobstructed(
+        &mut self,
+        tau: usize,
+        mut guide: Guide,
+        control: &Control,
+    ) -> Option<(Guide, Outline)> {
         let learns = !matches!(self.problem.options.guidance, GuidanceKind::Greedy);
         let before = self.prospect(tau);
         for round in 0.. {
@@ -404,11 +423,11 @@ impl Search<'_> {
     }
 }
 
-/// What the way to `vertex` costs already, a lower bound on the whole.
-pub(super) fn cost_so_far(vertex: &Vertex, objective: Objective) -> f64 {
+/// What the way to `vertex` costs already, a lower bound on the whole; what comes first counts first.
+pub(super) fn cost_so_far(vertex: &Vertex, objective: Objective) -> [f64; 2] {
     match objective {
-        Objective::Duration => vertex.elapsed,
-        Objective::ArcLength => vertex.arc.iter().copied().fold(0.0, f64::max),
-        Objective::Steps => vertex.depth as f64,
+        Objective::Duration => [vertex.elapsed, 0.0],
+        Objective::ArcLength => [vertex.arc.iter().copied().fold(0.0, f64::max), 0.0],
+        Objective::Steps => [vertex.depth as f64, vertex.elapsed],
     }
 }

@@ -21,7 +21,6 @@ use super::clashes::Suspicions;
 use super::ground::Grounder;
 use super::map::Map;
 use super::outline::Outline;
-use super::select::cost_so_far;
 use super::settings::Settings;
 use super::tree::{ArmState, Step, Vertex, Whereabouts};
 
@@ -303,7 +302,7 @@ impl<'a> Search<'a> {
     /// Once there is a plan there is time to look into the least number of steps thoroughly, where
     /// that is not known yet: a shorter plan on the mode graph, or the proof that there is none. What is proved is
     /// about the map's own network; the rules learnt since say only what is not worth seeking.
-    pub(super) fn examine(&mut self, control: &Control) {
+    pub fn examine(&mut self, control: &Control) {
         self.examined = true;
         if !matches!(self.problem.options.guidance, GuidanceKind::Smart) {
             return;
@@ -452,8 +451,7 @@ impl<'a> Search<'a> {
                 }
             }
         }
-        let objective = self.problem.options.objective;
-        if self.best.is_some_and(|best| cost_so_far(&vertex, objective) >= best[0]) {
+        if self.is_beaten(&vertex) {
             return None;
         }
         self.tree.push(vertex);

@@ -9,7 +9,7 @@ use crate::geometry::Pose;
 use crate::kinematics::Config;
 use crate::mode_graph::HandoffWitness;
 use crate::problem::Problem;
-use crate::run::{Rng, Seed};
+use crate::run::{Control, Rng, Seed};
 use crate::workcell::{ArmId, ObjectId};
 
 use super::contact::{Contact, ContactKind, ContactQuery, Grounding};
@@ -99,6 +99,11 @@ impl<'a> Contacts<'a> {
             hands: Hands::new(problem),
             handoffs: Handoffs::new(problem, world, memory),
         }
+    }
+
+    /// Has no search for handoffs go on when `control` says stop.
+    pub fn heed(&mut self, control: &Control) {
+        self.handoffs.heed(control);
     }
 
     /// The same knowledge, drawing from another stream from now on.
@@ -305,16 +310,18 @@ impl<'a> Contacts<'a> {
         is_clear
     }
 
-    /// Whether some contact of [`Self::at`] is clear of the objects in `scene`.
+    /// Whether some contact of [`Self::at`], or one of [`Self::more`], is clear of the objects in `scene`.
     pub fn is_clear_of(&mut self, query: &ContactQuery, object_in_tcp: &Pose, scene: &Scene) -> bool {
-        for index in 0..self.most() {
+        let most = self.most();
+        for index in 0..most {
             match self.nth(query, object_in_tcp, index) {
                 Some(contact) if self.is_clear(query, &contact, scene) => return true,
                 Some(_) => {}
                 None => return false,
             }
         }
-        false
+        let known = self.ground(query, object_in_tcp, most);
+        known.iter().skip(most).any(|contact| self.is_clear(query, contact, scene))
     }
 
     /// Up to `most` handoffs, sampled with up to `tries` draws of a meeting place: the cheapest of a handful, with

@@ -15,7 +15,7 @@ use crate::geometry::{PlacedShape, Pose, Vec3};
 use crate::kinematics::Config;
 use crate::mode_graph::HandoffWitness;
 use crate::problem::Problem;
-use crate::run::Rng;
+use crate::run::{Control, Rng};
 use crate::workcell::{Arm, ArmId, ObjectId, ObjectModel, Symmetry, symmetry_rotations};
 
 use super::contacts::same_hand;
@@ -83,8 +83,12 @@ pub struct HandoffContact {
     pub cost: f64,
 }
 
-/// Chance that a draw in holds of which no remembered draw hit is made at all. Above 0: rare handoffs are found at last.
-const HOPE: f64 = 0.06;
+/// Chance that a draw in holds in which none hit so far is made at all, once the remembered ones are used up. Above 0:
+/// rare handoffs are found at last.
+const HOPE: f64 = 0.12;
+
+/// Draws between two looks at whether to stop.
+const STOP_PERIOD: usize = 4;
 
 /// What was looked at of the sequence of a pair of holds.
 #[derive(Debug, Clone, Copy, Default)]
@@ -119,6 +123,8 @@ pub(super) struct Handoffs<'a> {
     witnessed: BTreeMap<(ArmId, ArmId, Class), Vec<HandoffWitness>>,
     /// Whether each draw compares some pairs of holds, and takes the one in which the hands face each other most.
     faces: bool,
+    /// Who may end a search.
+    control: Control,
 }
 
 impl<'a> Handoffs<'a> {
@@ -135,7 +141,13 @@ impl<'a> Handoffs<'a> {
         let classes = problem.objects.iter().map(class).collect();
         let kinds = (0..count).map(|arm| (first(arm), Ball::of(&problem.workcell.arms[arm]))).collect();
         let (seen, witnessed) = (BTreeMap::new(), BTreeMap::new());
-        Self { problem, world, memory, kinds, classes, seen, witnessed, faces: false }
+        let control = Control::unbounded();
+        Self { problem, world, memory, kinds, classes, seen, witnessed, faces: false, control }
+    }
+
+    /// Has no search go on when `control` says stop.
+    pub(super) fn heed(&mut self, control: &Control) {
+        self.control = control.clone();
     }
 
     /// Prefers holds in which the hands face each other, or all alike: where they face each other the arms are less in
@@ -278,6 +290,7 @@ struct Sampler<'s, 'q> {
     /// The directions in which the giver's hand points and the receiver's, by hold, in the object's frame, where hands are
     /// to face each other: see [`Handoffs::prefer_facing`].
     pointing: Option<[Vec<Vec3>; 2]>,
+    control: &'s Control,
 }
 
 impl<'s, 'q> Sampler<'s, 'q> {
@@ -302,6 +315,7 @@ impl<'s, 'q> Sampler<'s, 'q> {
             drawn: BTreeMap::new(),
             seen,
             pointing: None,
+            control: &handoffs.control,
         }
     }
 
@@ -322,6 +336,10 @@ impl<'s, 'q> Sampler<'s, 'q> {
         while left > 0 && found.len() < most {
             let mut handful = Vec::new();
             while left > 0 && handful.len() < handful_size {
+                // Numeric inverse kinematics may take milliseconds for a draw.
+                if left.is_multiple_of(STOP_PERIOD) && self.control.should_stop() {
+                    return found;
+                }
                 left -= 1;
                 match self.draw(rng) {
                     Draw::Hit(candidate) => handful.push(candidate),
@@ -452,7 +470,10 @@ impl<'s, 'q> Sampler<'s, 'q> {
             (pair.seen, *drawn) = (Some(looked), looked);
             meeting
         } else if seen.hit || rng.random_bool(HOPE) {
-            solve(rng).map(|(giving, taking)| Arc::new(Meeting::passing(giving, taking)))
+            let meeting = solve(rng).map(|(giving, taking)| Arc::new(Meeting::passing(giving, taking)));
+            let looked = Looked { hit: seen.hit || meeting.is_some(), ..seen };
+            (pair.seen, *drawn) = (Some(looked), looked);
+            meeting
         } else {
             None
         };

@@ -133,6 +133,35 @@ fn holds_are_open_until_they_are_refused() {
     assert!(refused > 20 && confirmed > 20, "{refused} {confirmed}");
 }
 
+#[test]
+fn contacts_that_are_sampled_later_are_looked_at_too() {
+    let mut problem = problem(4);
+    problem.options.ik_solutions = 1;
+    let world = CollisionWorld::new(&problem);
+    let mut contacts = Contacts::new(&problem, &world, Seed(1).stream("contacts"));
+    let resting = problem.initial.iter().enumerate().filter_map(|(index, initial)| match initial {
+        InitialPlacement::Resting { pose, .. } => Some((ObjectId(index), *pose)),
+        InitialPlacement::Held { .. } => None,
+    });
+    let scene = Scene { resting: resting.collect() };
+    let mut late = 0;
+    for query in queries(&problem) {
+        for (_, hold) in contacts.possible_holds(&query) {
+            if !contacts.has(&query, &hold) || contacts.is_clear_of(&query, &hold, &scene) {
+                continue;
+            }
+            for _ in 0..4 {
+                contacts.more(&query, &hold);
+            }
+            let known = contacts.at(&query, &hold);
+            let some_clear = known.iter().any(|contact| contacts.is_clear(&query, contact, &scene));
+            assert_eq!(contacts.confirm(&query, &hold, &scene), some_clear);
+            late += usize::from(some_clear);
+        }
+    }
+    assert!(late > 3, "{late}");
+}
+
 /// The lines of a place come in along the normal and go out along the tool; of a pick it is the
 /// other way round.
 #[test]

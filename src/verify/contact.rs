@@ -33,6 +33,8 @@ const FOLLOW: f64 = 0.01;
 const SHORTEST: f64 = 1e-9;
 /// The most work before the judge gives up, in units of about 5 ns.
 const MAX_WORK: u64 = 1_000_000_000;
+/// Work between two looks at whether to stop.
+const STOP_PERIOD: u64 = 100_000;
 /// What a query, and an arm's frames, cost in these units.
 const QUERY_WORK: u64 = 60;
 const FRAMES_WORK: u64 = 100;
@@ -110,14 +112,18 @@ struct Inspector<'a, 'p> {
     overlaps: BTreeMap<(usize, usize), Overlap>,
     closest: Option<Closest>,
     work: u64,
+    /// Whether to stop, and the work at which that is asked next.
+    stop: &'a dyn Fn() -> bool,
+    next_look: u64,
 }
 
-/// Certifies the whole time; reports what overlaps, and gives the least clearance.
+/// Certifies the whole time, unless `stop` ends it; reports what overlaps, and gives the least clearance.
 pub(super) fn check(
     scene: &Scene<'_>,
     timeline: &Timeline<'_>,
     windows: &[Window],
     arms: &mut Arms,
+    stop: &dyn Fn() -> bool,
     report: &mut Report,
 ) -> Option<Clearance> {
     let cuts = cut_times(timeline, windows, arms.duration());
@@ -142,6 +148,8 @@ pub(super) fn check(
         overlaps: BTreeMap::new(),
         closest: None,
         work: 0,
+        stop,
+        next_look: 0,
     };
     inspector.remember_axes(0);
     let (standing, standing_axes) = (inspector.pairs.len(), inspector.axes.len());
@@ -486,7 +494,7 @@ impl Inspector<'_, '_> {
             }
         }
         self.spare.push(near);
-        let done = if self.work > MAX_WORK {
+        let done = if self.work > MAX_WORK || self.is_stopped() {
             false
         } else {
             // Motion shrinks about as the interval does: fewer pieces would hardly clear a pair.
@@ -497,6 +505,14 @@ impl Inspector<'_, '_> {
         };
         self.spare.push(still_open);
         done
+    }
+
+    fn is_stopped(&mut self) -> bool {
+        if self.work < self.next_look {
+            return false;
+        }
+        self.next_look = self.work + STOP_PERIOD;
+        (self.stop)()
     }
 
     /// Remembers an overlap; one for each pair of bodies.

@@ -266,7 +266,16 @@ impl State<'_> {
                     );
                     self.fault(Rule::PlacePose, action, *arm, off, message);
                 }
-                let under = &self.problem.workcell.surfaces[surface.0];
+                let surfaces = &self.problem.workcell.surfaces;
+                let under = &surfaces[surface.0];
+                let shapes = &self.object(action.object).shapes;
+                let too = surfaces
+                    .iter()
+                    .find(|other| other.id != under.id && rests_on(shapes, &frame.to_pose(), other).is_ok());
+                if let Some(too) = too {
+                    let message = format!("the object rests on {} and {} at once", under.id, too.id);
+                    self.fault(Rule::Resting, action, *arm, 0.0, message);
+                }
                 if let Err(fault) = rests_on(&self.object(action.object).shapes, &frame.to_pose(), under) {
                     let why = match fault {
                         RestFault::Height(height) if height > 0.0 => "it floats",

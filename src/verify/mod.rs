@@ -33,9 +33,29 @@ use verdict::Report;
 /// A plan that cannot be read (sizes, ids, numbers or times that make no sense) is judged on that
 /// alone; else every rule is checked and every violation counted.
 pub fn verify(problem: &Problem, plan: &Plan) -> Verdict {
+    let (report, clearance, figures) = judge(problem, plan, &|| false);
+    report.conclude(clearance, figures)
+}
+
+/// [`verify`] for as long as `stop`, which is asked about every millisecond, says `false`; `None` when it did not.
+pub fn verify_unless(problem: &Problem, plan: &Plan, stop: &dyn Fn() -> bool) -> Option<Verdict> {
+    let stopped = std::cell::Cell::new(false);
+    let (report, clearance, figures) = judge(problem, plan, &|| {
+        stopped.set(stopped.get() || stop());
+        stopped.get()
+    });
+    (!stopped.get()).then(|| report.conclude(clearance, figures))
+}
+
+/// What is found out about `plan`; not all of it where `stop` says so.
+fn judge(
+    problem: &Problem,
+    plan: &Plan,
+    stop: &dyn Fn() -> bool,
+) -> (Report, Option<Clearance>, Option<Figures>) {
     let mut report = Report::default();
     if !structure::check(problem, plan, &mut report) {
-        return report.conclude(None, None);
+        return (report, None, None);
     }
     let cell = &problem.workcell;
     let chains = cell.arms.iter().map(chain::Chain::new).collect();
@@ -54,6 +74,6 @@ pub fn verify(problem: &Problem, plan: &Plan) -> Verdict {
     custody::check_goal(problem, &timeline, figures.duration_s, &mut report);
     let windows = straight::check(problem, &timeline, &mut arms, &mut report);
     let scene = scene::Scene::new(problem, |arm| arms.chain(arm));
-    let clearance = contact::check(&scene, &timeline, &windows, &mut arms, &mut report);
-    report.conclude(clearance, Some(figures))
+    let clearance = contact::check(&scene, &timeline, &windows, &mut arms, stop, &mut report);
+    (report, clearance, Some(figures))
 }

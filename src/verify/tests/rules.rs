@@ -8,8 +8,8 @@ use super::gantry::*;
 use crate::geometry::{Pose, Vec3};
 use crate::plan::{Action, ActionKind, Plan};
 use crate::problem::{GoalPlacement, Problem};
-use crate::verify::{Rule, Verdict, verify};
-use crate::workcell::{Symmetry, Workcell, symmetry_rotations};
+use crate::verify::{Rule, Verdict, verify, verify_unless};
+use crate::workcell::{Surface, Symmetry, Workcell, symmetry_rotations};
 
 /// The verdict on the dance after `change`.
 fn judged(change: impl FnOnce(&mut Problem, &mut Plan)) -> Verdict {
@@ -315,6 +315,14 @@ fn released_things_rest() {
         });
     }
     breaks_only(Rule::Resting, |problem, _| cell(problem).surfaces[1].half_extents[1] = 0.027);
+    // On two surfaces at once; beside the second it is on one.
+    let second = |problem: &mut Problem, y: f64| {
+        let surface = problem.workcell.surfaces[1].clone();
+        let pose = at([1.2, y, 0.5]);
+        cell(problem).surfaces.push(Surface { id: "c".into(), pose, ..surface });
+    };
+    breaks_only(Rule::Resting, |problem, _| second(problem, 0.1));
+    assert!(judged(|problem, _| second(problem, 0.5)).valid);
 }
 
 #[test]
@@ -431,4 +439,21 @@ fn tells_in_words_and_json() {
     assert_eq!(json["first"]["bodies"][0], "blue");
     let verification = verdict.verification();
     assert!(!verification.valid && verification.bodies.is_some());
+}
+
+#[test]
+fn it_can_be_stopped() {
+    let (problem, plan) = (problem(), dance());
+    let asked = std::cell::Cell::new(0);
+    let answer = |stops: bool| {
+        asked.set(0);
+        verify_unless(&problem, &plan, &|| {
+            asked.set(asked.get() + 1);
+            stops
+        })
+    };
+    assert!(answer(true).is_none());
+    assert_eq!(asked.get(), 1);
+    assert!(answer(false).is_some_and(|verdict| verdict.valid));
+    assert!(asked.get() > 0);
 }
