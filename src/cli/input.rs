@@ -20,7 +20,7 @@ pub(super) fn bytes(path: &Path, limit: usize) -> Result<Vec<u8>, CliError> {
     Ok(content)
 }
 
-/// Reads and validates a problem. Files that it refers to come from its own folder. Warnings go to
+/// Reads and validates a problem. Files that it refers to are looked for from its own folder. Warnings go to
 /// stderr.
 pub(super) fn problem(path: &Path) -> Result<ReadProblem, CliError> {
     let limits = ReadLimits::default();

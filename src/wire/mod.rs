@@ -22,5 +22,5 @@ pub use json::{parse as parse_json, parse_bounded as parse_json_bounded};
 pub use pose::{PoseDocument, QuaternionDocument, VectorDocument};
 pub use problem::{KnownRobots, ReadLimits, ReadProblem, read_problem, read_problem_value};
 pub use reader::is_id;
-pub use resources::{Folder, LibraryOnly, Remembering, ResourceError, Resources, normalise};
+pub use resources::{Folder, LibraryOnly, Remembering, ResourceError, Resources, Scope, normalise};
 pub use workcell::{ReadWorkcell, read_workcell_value, unknown_workcell, with_workcell, workcell_reference};

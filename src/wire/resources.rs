@@ -1,23 +1,37 @@
 //! Where the files that a problem refers to come from, and where they may never come from.
 
-use std::path::{Component, Path, PathBuf};
+use std::path::PathBuf;
 
 use super::problem::KnownRobots;
 
 /// Gives the content of what a document refers to, and may keep what was made of the like before. Implementations touch
 /// no network and start no process.
 pub trait Resources {
-    /// The bytes at `path`, a path with forward slashes relative to the document's folder or
-    /// bundle, already free of `..` and not absolute.
+    /// The bytes at `path`, a path with forward slashes relative to the document's folder or bundle, as [`resolve_uri`] gives
+    /// it: not absolute, and with `..` at most at its beginning, and there only as far as [`Self::scope`] lets paths lead.
     ///
     /// # Errors
     /// Says why it cannot be had.
     fn read(&self, path: &str, max_bytes: usize) -> Result<Vec<u8>, ResourceError>;
 
+    /// How far paths may lead.
+    fn scope(&self) -> Scope {
+        Scope::Inside
+    }
+
     /// The robots of documents that were read before, where they are kept.
     fn known_robots(&self) -> Option<&KnownRobots> {
         None
     }
+}
+
+/// How far relative paths may lead.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Scope {
+    /// Into the document's folder or bundle, and what is below it.
+    Inside,
+    /// Into the folders above it as well: for documents and files that are the reader's own.
+    Above,
 }
 
 /// Why a file could not be had.
@@ -26,11 +40,14 @@ pub enum ResourceError {
     /// No files may be referred to here.
     #[error("files cannot be referred to here; give the text inline or a `library:` name")]
     NoFiles,
-    /// The path leads out of the folder.
-    #[error("the path must be relative, inside the problem's folder, and without `..`")]
+    /// The path is absolute, of another kind, or no path to a file.
+    #[error("the path must be relative, with forward slashes, and lead to a file")]
+    NotRelative,
+    /// The path leads out of where it may lead.
+    #[error("the path, or a link on it, leads out of the folder that the files may come from")]
     Outside,
     /// There is no such file.
-    #[error("there is no such file in the problem's folder")]
+    #[error("there is no such file, seen from the problem's folder")]
     NotFound,
     /// The file cannot be read.
     #[error("the file cannot be read ({0})")]
@@ -69,20 +86,24 @@ impl Resources for Remembering<'_> {
         self.resources.read(path, max_bytes)
     }
 
+    fn scope(&self) -> Scope {
+        self.resources.scope()
+    }
+
     fn known_robots(&self) -> Option<&KnownRobots> {
         Some(self.robots)
     }
 }
 
-/// Files in one folder and below, links out of it refused. For the command line, with the problem
-/// file's folder.
+/// Files in one folder, below it, and where a path says so in the folders above it: for the command line, with the problem
+/// file's folder. A path never leads farther up than it says, not by a link either.
 #[derive(Debug, Clone)]
 pub struct Folder {
     root: PathBuf,
 }
 
 impl Folder {
-    /// Files below `root`.
+    /// Files as seen from `root`.
     pub fn new(root: impl Into<PathBuf>) -> Self {
         Self { root: root.into() }
     }
@@ -90,14 +111,16 @@ impl Folder {
 
 impl Resources for Folder {
     fn read(&self, path: &str, max_bytes: usize) -> Result<Vec<u8>, ResourceError> {
-        let inside = normalise(path)?;
+        let parts = fold(parts_of(path)?, Scope::Above)?;
         let find = |error: std::io::Error| match error.kind() {
             std::io::ErrorKind::NotFound => ResourceError::NotFound,
             kind => ResourceError::Unreadable(kind),
         };
         let root = self.root.canonicalize().map_err(find)?;
-        let file = root.join(inside).canonicalize().map_err(find)?;
-        if !file.starts_with(&root) {
+        let up = parts.iter().take_while(|part| **part == PARENT).count();
+        let top = root.ancestors().nth(up).ok_or(ResourceError::Outside)?;
+        let file = top.join(parts[up..].join("/")).canonicalize().map_err(find)?;
+        if !file.starts_with(top) {
             return Err(ResourceError::Outside);
         }
         let metadata = file.metadata().map_err(find)?;
@@ -109,56 +132,94 @@ impl Resources for Folder {
         }
         std::fs::read(&file).map_err(find)
     }
+
+    fn scope(&self) -> Scope {
+        Scope::Above
+    }
 }
 
-/// `path` with its `.` parts dropped.
-///
-/// # Errors
-/// [`ResourceError::Outside`] when it is absolute, empty, holds `..`, a backslash, a drive or a
-/// NUL.
-pub fn normalise(path: &str) -> Result<String, ResourceError> {
-    if path.contains(['\\', '\0', ':']) {
-        return Err(ResourceError::Outside);
+/// The part of a path that leads to the folder above.
+const PARENT: &str = "..";
+
+/// The parts of a relative path, its `.` dropped and its `..` kept. What is no plain character of a path on some system is
+/// refused, and nothing is decoded: `%2e` is three characters of a name.
+fn parts_of(path: &str) -> Result<Vec<&str>, ResourceError> {
+    if path.starts_with('/') || path.contains(['\\', '\0', ':']) {
+        return Err(ResourceError::NotRelative);
     }
-    let mut parts = Vec::new();
-    for component in Path::new(path).components() {
-        match component {
-            Component::Normal(part) => parts.push(part.to_string_lossy().into_owned()),
-            Component::CurDir => {}
-            Component::ParentDir | Component::RootDir | Component::Prefix(_) => {
-                return Err(ResourceError::Outside);
-            }
+    Ok(path.split('/').filter(|part| !matches!(*part, "" | ".")).collect())
+}
+
+/// The parts without those that a `..` after them takes back. What is left of `..` stands at the beginning, and only where
+/// `scope` lets the path lead there.
+fn fold(parts: Vec<&str>, scope: Scope) -> Result<Vec<&str>, ResourceError> {
+    let mut folded: Vec<&str> = Vec::with_capacity(parts.len());
+    for part in parts {
+        let takes_back = part == PARENT && folded.last().is_some_and(|last| *last != PARENT);
+        if takes_back {
+            folded.pop();
+        } else if part == PARENT && scope == Scope::Inside {
+            return Err(ResourceError::Outside);
+        } else {
+            folded.push(part);
         }
     }
-    if parts.is_empty() { Err(ResourceError::Outside) } else { Ok(parts.join("/")) }
+    Ok(folded)
 }
 
-/// The path, relative to the document, that `uri` means when it stands in a file of folder `base`
-/// (relative to the document as well; empty for the document itself). `packages` maps package
-/// names to folders.
+/// `path` with its `.` parts dropped, for names that have no business with `..` at all.
 ///
 /// # Errors
-/// When it leads outside, names an unknown package, or has another scheme.
-pub fn resolve_uri(uri: &str, base: &str, packages: &[(String, String)]) -> Result<String, ResourceError> {
+/// When it is absolute, empty, holds `..`, a backslash, a colon or a NUL.
+pub fn normalise(path: &str) -> Result<String, ResourceError> {
+    let parts = parts_of(path)?;
+    if parts.contains(&PARENT) {
+        return Err(ResourceError::Outside);
+    }
+    if parts.is_empty() { Err(ResourceError::NotRelative) } else { Ok(parts.join("/")) }
+}
+
+/// The path, relative to the document, that `uri` means when it stands in a file of folder `base` (relative to the document
+/// as well; empty for the document itself). `packages` maps package names to folders. What counts is where the whole path
+/// leads: `..` may take back parts of the folder, but may not lead farther than `scope` allows.
+///
+/// # Errors
+/// When it leads too far, is absolute, names an unknown package, or has another scheme.
+pub fn resolve_uri(
+    uri: &str,
+    base: &str,
+    packages: &[(String, String)],
+    scope: Scope,
+) -> Result<String, ResourceError> {
     if let Some(rest) = uri.strip_prefix("package://") {
-        let (name, path) = rest.split_once('/').ok_or(ResourceError::Outside)?;
+        let (name, path) = rest.split_once('/').ok_or(ResourceError::NotRelative)?;
         let (_, folder) =
             packages.iter().find(|(package, _)| package == name).ok_or(ResourceError::UnknownPackage)?;
-        return join(folder, path);
+        return join(folder, path, scope);
     }
     if uri.contains("://") {
         return Err(ResourceError::UnknownScheme);
     }
-    join(base, uri)
+    join(base, uri, scope)
 }
 
-/// `path` below `folder`; neither may lead outside by itself.
-fn join(folder: &str, path: &str) -> Result<String, ResourceError> {
-    let path = normalise(path)?;
-    match folder.trim_end_matches('/') {
-        "" | "." => Ok(path),
-        folder => Ok(format!("{}/{path}", normalise(folder)?)),
+/// The file at `path` as seen from `folder`.
+fn join(folder: &str, path: &str, scope: Scope) -> Result<String, ResourceError> {
+    let path = parts_of(path)?;
+    if path.last().is_none_or(|name| *name == PARENT) {
+        return Err(ResourceError::NotRelative);
     }
+    let mut parts = parts_of(folder)?;
+    parts.extend(path);
+    Ok(fold(parts, scope)?.join("/"))
+}
+
+/// Whether `folder` is one that paths may lead into; empty for the document's own.
+///
+/// # Errors
+/// When it is absolute or leads farther than `scope` allows.
+pub fn check_folder(folder: &str, scope: Scope) -> Result<(), ResourceError> {
+    fold(parts_of(folder)?, scope).map(|_| ())
 }
 
 /// The folder part of a relative path; empty when it has none.
@@ -171,10 +232,13 @@ mod tests {
     use super::*;
 
     #[test]
-    fn paths_never_lead_outside() {
-        for path in ["/etc/passwd", "../x", "a/../../x", "a/..", "", ".", "C:\\x", "a\\..\\b", "C:/x", "a\0"]
-        {
-            assert_eq!(normalise(path), Err(ResourceError::Outside), "{path:?}");
+    fn plain_paths_never_lead_outside() {
+        use ResourceError::{NotRelative, Outside};
+        for path in ["/etc/passwd", "", ".", "C:\\x", "a\\..\\b", "C:/x", "a\0"] {
+            assert_eq!(normalise(path), Err(NotRelative), "{path:?}");
+        }
+        for path in ["../x", "a/../../x", "a/..", "a/../b"] {
+            assert_eq!(normalise(path), Err(Outside), "{path:?}");
         }
         assert_eq!(normalise("./a//b/./c"), Ok("a/b/c".to_owned()));
     }
@@ -182,14 +246,51 @@ mod tests {
     #[test]
     fn uris_resolve_through_the_map_only() {
         let packages = [("arm".to_owned(), "robots/arm".to_owned()), ("bad".to_owned(), "..".to_owned())];
-        let resolve = |uri| resolve_uri(uri, "robots", &packages);
+        let resolve = |uri| resolve_uri(uri, "robots", &packages, Scope::Inside);
         assert_eq!(resolve("package://arm/meshes/a.stl"), Ok("robots/arm/meshes/a.stl".to_owned()));
         assert_eq!(resolve("meshes/a.stl"), Ok("robots/meshes/a.stl".to_owned()));
         assert_eq!(resolve("package://other/a.stl"), Err(ResourceError::UnknownPackage));
-        assert_eq!(resolve("package://arm/../../x"), Err(ResourceError::Outside));
+        assert_eq!(resolve("package://arm/../hand/a.stl"), Ok("robots/hand/a.stl".to_owned()));
+        assert_eq!(resolve("package://arm/../../../x"), Err(ResourceError::Outside));
+        assert_eq!(resolve("package://arm"), Err(ResourceError::NotRelative));
+        assert_eq!(resolve("package://arm//etc/passwd"), Err(ResourceError::NotRelative));
         assert_eq!(resolve("package://bad/x"), Err(ResourceError::Outside));
         assert_eq!(resolve("file:///etc/passwd"), Err(ResourceError::UnknownScheme));
         assert_eq!(resolve("http://example.org/x"), Err(ResourceError::UnknownScheme));
+    }
+
+    #[test]
+    fn what_counts_is_where_the_whole_path_leads() {
+        let resolve = |uri, scope| resolve_uri(uri, "robots/urdf", &[], scope);
+        for scope in [Scope::Inside, Scope::Above] {
+            let inside = |uri| resolve(uri, scope);
+            assert_eq!(inside("../meshes/t.obj"), Ok("robots/meshes/t.obj".to_owned()));
+            assert_eq!(inside("a/../../x"), Ok("robots/x".to_owned()));
+            assert_eq!(inside("./..//../x/./y"), Ok("x/y".to_owned()));
+            // Nothing is decoded: these are names of folders.
+            assert_eq!(inside("%2e%2e/x"), Ok("robots/urdf/%2e%2e/x".to_owned()));
+            assert_eq!(inside("..%2fx"), Ok("robots/urdf/..%2fx".to_owned()));
+            assert_eq!(inside(".../x"), Ok("robots/urdf/.../x".to_owned()));
+            for uri in ["/etc/passwd", "..\\x", "..\\..\\..\\x", "C:x", "", ".", "..", "x/..", "../x\0"] {
+                assert_eq!(inside(uri), Err(ResourceError::NotRelative), "{uri:?}");
+            }
+        }
+        for uri in ["../../../x", "a/../../../../x", "../../../robots/urdf/x"] {
+            assert_eq!(resolve(uri, Scope::Inside), Err(ResourceError::Outside), "{uri:?}");
+        }
+        assert_eq!(resolve("../../../x", Scope::Above), Ok("../x".to_owned()));
+        assert_eq!(resolve("../../../../y/../x", Scope::Above), Ok("../../x".to_owned()));
+        let beside = |uri, scope| resolve_uri(uri, "../robots/urdf", &[], scope);
+        assert_eq!(beside("../meshes/t.obj", Scope::Above), Ok("../robots/meshes/t.obj".to_owned()));
+        assert_eq!(beside("../meshes/t.obj", Scope::Inside), Err(ResourceError::Outside));
+        // From the document itself.
+        assert_eq!(resolve_uri("a/../../x", "", &[], Scope::Inside), Err(ResourceError::Outside));
+        assert_eq!(resolve_uri("a/../../x", "", &[], Scope::Above), Ok("../x".to_owned()));
+        assert_eq!(resolve_uri("a/../x", "", &[], Scope::Inside), Ok("x".to_owned()));
+        assert!(check_folder("", Scope::Inside).is_ok() && check_folder("a/..", Scope::Inside).is_ok());
+        assert_eq!(check_folder("../p", Scope::Inside), Err(ResourceError::Outside));
+        assert!(check_folder("../p", Scope::Above).is_ok());
+        assert_eq!(check_folder("/p", Scope::Above), Err(ResourceError::NotRelative));
     }
 
     #[test]
@@ -208,6 +309,36 @@ mod tests {
         {
             std::os::unix::fs::symlink(outside.path().join("secret"), inside.path().join("link")).unwrap();
             assert_eq!(folder.read("link", 100), Err(ResourceError::Outside));
+        }
+    }
+
+    #[test]
+    fn folder_reads_above_where_the_path_says_so() {
+        let outside = tempfile::tempdir().unwrap();
+        std::fs::write(outside.path().join("secret"), "x").unwrap();
+        let all = tempfile::tempdir().unwrap();
+        for folder in ["problems/old", "robots"] {
+            std::fs::create_dir_all(all.path().join(folder)).unwrap();
+        }
+        std::fs::write(all.path().join("robots/b.urdf"), "<robot/>").unwrap();
+        let folder = Folder::new(all.path().join("problems/old"));
+        assert_eq!(folder.read("../../robots/b.urdf", 100).unwrap(), b"<robot/>");
+        assert_eq!(folder.read("../robots/b.urdf", 100), Err(ResourceError::NotFound));
+        assert_eq!(folder.read(&"../".repeat(500), 100), Err(ResourceError::Outside));
+        let absolute = all.path().join("robots/b.urdf");
+        assert_eq!(folder.read(absolute.to_str().unwrap(), 100), Err(ResourceError::NotRelative));
+        #[cfg(unix)]
+        {
+            // A link leads no farther up than the path that it stands on.
+            let link = |to: std::path::PathBuf, name: &str| {
+                std::os::unix::fs::symlink(to, all.path().join(name)).unwrap();
+            };
+            link(outside.path().join("secret"), "robots/link");
+            assert_eq!(folder.read("../../robots/link", 100), Err(ResourceError::Outside));
+            link(all.path().join("robots"), "problems/near");
+            assert_eq!(folder.read("../near/b.urdf", 100), Err(ResourceError::Outside));
+            link(all.path().join("robots"), "nearer");
+            assert_eq!(folder.read("../../nearer/b.urdf", 100).unwrap(), b"<robot/>");
         }
     }
 }

@@ -16,7 +16,7 @@ use crate::kinematics::{
 use crate::wire::digest::sha256;
 use crate::wire::fault::FaultCode;
 use crate::wire::reader::{Fields, Node, Range, shown};
-use crate::wire::resources::{ResourceError, folder_of, normalise, resolve_uri};
+use crate::wire::resources::{ResourceError, Scope, check_folder, folder_of, resolve_uri};
 use crate::workcell::contacts::GroupPair;
 
 /// Greatest magnitude of a joint value, velocity or acceleration in an override.
@@ -142,7 +142,8 @@ fn read_robot(name: &str, node: &Node<'_>, context: &mut Context<'_>) -> Option<
                     Some(Source { text: robot.srdf.to_owned(), pointer: reference.pointer.clone() });
                 Some(Source { text: robot.urdf.to_owned(), pointer: reference.pointer })
             } else {
-                folder = normalise(text).map(|path| folder_of(&path).to_owned()).unwrap_or_default();
+                let path = resolve_uri(text, "", &[], context.resources.scope());
+                folder = path.map(|path| folder_of(&path).to_owned()).unwrap_or_default();
                 read_text_file(&reference, context, FaultCode::BadUrdf)
             }
         }
@@ -166,7 +167,8 @@ fn read_inline(node: &Node<'_>, context: &mut Context<'_>) -> Option<Source> {
 
 fn read_text_file(node: &Node<'_>, context: &mut Context<'_>, code: FaultCode) -> Option<Source> {
     let path = node.string(&mut context.faults)?;
-    let bytes = context.read_file(node, resolve_uri(path, "", &[]), context.limits.max_urdf_bytes)?;
+    let path = resolve_uri(path, "", &[], context.resources.scope());
+    let bytes = context.read_file(node, path, context.limits.max_urdf_bytes)?;
     match String::from_utf8(bytes) {
         Ok(text) => Some(Source { text, pointer: node.pointer.clone() }),
         Err(_) => {
@@ -195,11 +197,9 @@ fn read_packages(fields: &mut Fields<'_>, context: &mut Context<'_>) -> Vec<(Str
     let mut packages = Vec::new();
     for (name, node) in node.entries(&mut context.faults) {
         if let Some(folder) = node.string(&mut context.faults) {
-            if !matches!(folder, "" | ".") && normalise(folder).is_err() {
-                let message = "a package's folder is relative, inside the problem's folder, without `..`";
-                node.fault(&mut context.faults, FaultCode::UnresolvedUri, message);
-            } else {
-                packages.push((name.to_owned(), folder.to_owned()));
+            match check_folder(folder, context.resources.scope()) {
+                Ok(()) => packages.push((name.to_owned(), folder.to_owned())),
+                Err(error) => context.unread(&node, &error),
             }
         }
     }
@@ -295,7 +295,7 @@ impl ModelCache {
     }
 
     fn note_again(&mut self, spec: &RobotSpec, mount: &str, mount_pointer: &str, context: &mut Context<'_>) {
-        let meshes = UrdfMeshes::new(Rc::clone(&context.meshes), spec);
+        let meshes = UrdfMeshes::new(context, spec);
         let result = ArmModel::from_urdf(&spec.name, &spec.urdf.text, mount, &BTreeMap::new(), &meshes);
         if let Err(error) = result {
             self.note(&error, spec, mount_pointer, &BTreeMap::new(), context);
@@ -311,7 +311,7 @@ impl ModelCache {
         home: &BTreeMap<String, (f64, String)>,
         context: &mut Context<'_>,
     ) -> Option<LoadedModel> {
-        let meshes = UrdfMeshes::new(Rc::clone(&context.meshes), spec);
+        let meshes = UrdfMeshes::new(context, spec);
         let mut held = held.clone();
         let mut usable = true;
         let mut left = MAX_UNKNOWN_JOINTS;
@@ -432,13 +432,15 @@ fn faulty_joint(error: &UrdfError) -> Option<&str> {
 struct UrdfMeshes<'a> {
     meshes: Rc<Meshes<'a>>,
     spec: &'a RobotSpec,
+    scope: Scope,
     digests: RefCell<BTreeMap<String, String>>,
     asked: Cell<bool>,
 }
 
 impl<'a> UrdfMeshes<'a> {
-    fn new(meshes: Rc<Meshes<'a>>, spec: &'a RobotSpec) -> Self {
-        Self { meshes, spec, digests: RefCell::default(), asked: Cell::new(false) }
+    fn new(context: &Context<'a>, spec: &'a RobotSpec) -> Self {
+        let (meshes, scope) = (Rc::clone(&context.meshes), context.resources.scope());
+        Self { meshes, spec, scope, digests: RefCell::default(), asked: Cell::new(false) }
     }
 
     /// Whether nobody asked for a mesh.
@@ -463,7 +465,7 @@ impl<'a> UrdfMeshes<'a> {
 impl MeshResolver for UrdfMeshes<'_> {
     fn hull(&self, uri: &str, scale: &Vec3) -> Result<Arc<ConvexHull>, MeshError> {
         self.asked.set(true);
-        let path = resolve_uri(uri, &self.spec.folder, &self.spec.packages);
+        let path = resolve_uri(uri, &self.spec.folder, &self.spec.packages, self.scope);
         let mesh = path.and_then(|path| self.meshes.get(&path, scale)).map_err(|error| match error {
             ResourceError::TooLarge(_) => MeshError::TooLarge,
             _ => MeshError::Unresolved,

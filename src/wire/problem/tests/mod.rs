@@ -3,6 +3,7 @@
 mod accepted;
 mod faults;
 mod mutations;
+mod paths;
 
 use serde_json::{Value, json};
 
