@@ -22,6 +22,9 @@ use super::tree::{ArmState, CostsAfter, Step};
 /// Least gain (s, or rad and m) for which a window is replaced.
 const LEAST_GAIN: f64 = 1e-6;
 
+/// Chance that a window of two steps changes where an arm waits in between, rather than how one acts: it gains less.
+const WAITING: f64 = 0.1;
+
 /// A changed state between two steps.
 struct Between {
     /// The first step's task, and the second's.
@@ -121,7 +124,7 @@ impl Search<'_> {
         let mut arms = self.tree[vertex].arms.clone();
         let mut tasks = [first.task.clone(), second.task.clone()];
         let idle: Vec<usize> = (0..arms.len()).filter(|&arm| !first.task.arms[arm].acts()).collect();
-        if !idle.is_empty() && self.rng.random_bool(0.4) {
+        if !idle.is_empty() && self.rng.random_bool(WAITING) {
             let arm = *idle.choose(&mut self.rng)?;
             let q = self.waiting_place(arm, second)?;
             tasks[0].arms[arm].goal = ArmGoal::Toward(q);
