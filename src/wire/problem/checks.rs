@@ -7,6 +7,7 @@ use super::draft::Draft;
 use super::packing::is_packed;
 use super::placement::{End, Start};
 use crate::geometry::{Pose, Vec3};
+use crate::kinematics::Config;
 use crate::problem::{ContactPartner, GoalPlacement, InitialPlacement};
 use crate::wire::fault::FaultCode;
 use crate::workcell::{
@@ -28,14 +29,31 @@ struct PlacedArm<'d> {
     index: usize,
     arm: &'d Arm,
     pointer: String,
+    /// Whether it is assumed to be there, and nobody's statement.
+    assumed: bool,
     bodies: Vec<Body>,
 }
 
-/// Runs all checks on whatever could be read, and resolves placements: `None` for those at fault.
-pub fn check(
-    draft: &Draft,
-    context: &mut Context<'_>,
-) -> (Vec<Option<InitialPlacement>>, Vec<Option<GoalPlacement>>) {
+/// A contact of two bodies.
+struct Contact<'b> {
+    bodies: [&'b str; 2],
+    depth: f64,
+    /// What to do about it.
+    advice: &'static str,
+}
+
+/// What came of the checks.
+pub struct Checked {
+    /// Where each object is; `None` for those at fault.
+    pub initial: Vec<Option<InitialPlacement>>,
+    /// Where each object shall go; `None` for those at fault.
+    pub goal: Vec<Option<GoalPlacement>>,
+    /// By arm, what stands in for its home, where it is not to be there and could not.
+    pub homes: Vec<Option<Config>>,
+}
+
+/// Runs all checks on whatever could be read, and resolves placements.
+pub fn check(draft: &Draft, context: &mut Context<'_>) -> Checked {
     let initial = resolve_initial(draft, context);
     let goal = resolve_goal(draft, context);
     check_held(draft, context);
@@ -52,22 +70,18 @@ pub fn check(
     check_objects(draft, &starts, &obstacles, FaultCode::InitialCollision, context);
     check_arms(draft, &arms, &obstacles, context);
     check_arms_against_objects(draft, &arms, &starts, FaultCode::InitialCollision, context);
-    let homes = arms_at_home(draft);
-    let elsewhere: Vec<PlacedArm<'_>> =
-        homes.into_iter().filter(|home| draft.starts_elsewhere(home.index)).collect();
-    if draft.options.return_home {
+    let homes = if draft.options.return_home {
         check_arms(draft, &arms_at_home(draft), &obstacles, context);
+        vec![None; draft.arms.len()]
     } else {
-        for home in &elsewhere {
-            check_one_arm(draft, home, &obstacles, context);
-        }
-    }
+        homes_that_are_free(draft, &obstacles, context)
+    };
     let ends = placed_at_goal(draft, &goal);
     check_objects(draft, &ends, &obstacles, FaultCode::GoalCollision, context);
     if draft.options.return_home {
         check_arms_against_objects(draft, &arms_at_home(draft), &ends, FaultCode::GoalCollision, context);
     }
-    (initial, goal)
+    Checked { initial, goal, homes }
 }
 
 // ---------------------------------------------------------------------------------------------
@@ -378,8 +392,9 @@ fn arms_at_start(draft: &Draft) -> Vec<PlacedArm<'_>> {
     starts
         .filter_map(|(index, (arm, start))| {
             let (arm, (q, pointer)) = (arm.as_ref()?, start.as_ref()?);
-            let pointer = pointer.clone().unwrap_or_else(|| draft.home_pointer(index));
-            Some(PlacedArm { index, arm, pointer, bodies: arm_bodies(arm, q) })
+            let pointer = pointer.clone().unwrap_or_else(|| draft.homes.pointer(index));
+            let assumed = draft.assumed.get(index).copied().unwrap_or(false);
+            Some(PlacedArm { index, arm, pointer, assumed, bodies: arm_bodies(arm, q) })
         })
         .collect()
 }
@@ -388,9 +403,33 @@ fn arms_at_home(draft: &Draft) -> Vec<PlacedArm<'_>> {
     let arms = draft.arms.iter().enumerate();
     arms.filter_map(|(index, arm)| {
         let arm = arm.as_ref()?;
-        Some(PlacedArm { index, arm, pointer: draft.home_pointer(index), bodies: arm_bodies(arm, &arm.home) })
+        let (pointer, bodies) = (draft.homes.pointer(index), arm_bodies(arm, &arm.home));
+        Some(PlacedArm { index, arm, pointer, assumed: false, bodies })
     })
     .collect()
+}
+
+/// By arm that starts elsewhere and need not come home, where it starts if it cannot be at home: that stands in for it.
+fn homes_that_are_free(
+    draft: &Draft,
+    obstacles: &[(usize, Vec<Body>)],
+    context: &mut Context<'_>,
+) -> Vec<Option<Config>> {
+    let mut homes = vec![None; draft.arms.len()];
+    for home in arms_at_home(draft) {
+        let Some(start) = draft.start_elsewhere(home.index) else { continue };
+        let contacts = contacts_of_arm(draft, &home, obstacles);
+        let (Some(Contact { bodies: [a, b], depth, .. }), Some(slot)) =
+            (contacts.first(), homes.get_mut(home.index))
+        else {
+            continue;
+        };
+        *slot = Some(start.clone());
+        let advice = "the arm does not have to be at home, and where it starts stands in for it";
+        let message = collision_message(a, b, *depth, advice);
+        context.faults.warn(home.pointer.clone(), FaultCode::InitialCollision, message);
+    }
+    homes
 }
 
 fn collision_message(one: &str, other: &str, depth: f64, advice: &str) -> String {
@@ -435,7 +474,9 @@ fn check_arms(
     context: &mut Context<'_>,
 ) {
     for (index, one) in arms.iter().enumerate() {
-        check_one_arm(draft, one, obstacles, context);
+        for Contact { bodies: [a, b], depth, advice } in contacts_of_arm(draft, one, obstacles) {
+            note_collision(&one.pointer, one.assumed, collision_message(a, b, depth, advice), context);
+        }
         for other in &arms[..index] {
             let checks = |a: &Body, b: &Body| {
                 let (a, b) = ((ArmId(one.index), a.group), (ArmId(other.index), b.group));
@@ -444,24 +485,32 @@ fn check_arms(
             if let Some((a, b, depth)) = deepest(&one.bodies, &other.bodies, checks) {
                 let message =
                     collision_message(&a.name, &b.name, depth, "change a configuration or move an arm");
-                context.faults.push(one.pointer.clone(), FaultCode::InitialCollision, message);
+                note_collision(&one.pointer, one.assumed || other.assumed, message, context);
             }
         }
     }
 }
 
-/// An arm against itself and against the obstacles.
-fn check_one_arm(
+/// Notes a collision of an arm: a warning where it is only assumed to be there.
+fn note_collision(pointer: &str, assumed: bool, message: String, context: &mut Context<'_>) {
+    if assumed {
+        context.faults.warn(pointer, FaultCode::InitialCollision, message);
+    } else {
+        context.faults.push(pointer, FaultCode::InitialCollision, message);
+    }
+}
+
+/// Contacts of an arm with itself, the deepest, and with each obstacle.
+fn contacts_of_arm<'b>(
     draft: &Draft,
-    placed: &PlacedArm<'_>,
-    obstacles: &[(usize, Vec<Body>)],
-    context: &mut Context<'_>,
-) {
+    placed: &'b PlacedArm<'_>,
+    obstacles: &'b [(usize, Vec<Body>)],
+) -> Vec<Contact<'b>> {
+    let mut contacts = Vec::new();
     let itself = |a: &Body, b: &Body| a.group < b.group && placed.arm.checks_groups(a.group, b.group);
     if let Some((a, b, depth)) = deepest(&placed.bodies, &placed.bodies, itself) {
-        let message =
-            collision_message(&a.name, &b.name, depth, "change the configuration, or exempt the pair");
-        context.faults.push(placed.pointer.clone(), FaultCode::InitialCollision, message);
+        let advice = "change the configuration, or exempt the pair";
+        contacts.push(Contact { bodies: [&a.name, &b.name], depth, advice });
     }
     for (obstacle, body) in obstacles {
         let checks = |a: &Body, _: &Body| {
@@ -470,10 +519,10 @@ fn check_one_arm(
         };
         if let Some((a, b, depth)) = deepest(&placed.bodies, body, checks) {
             let advice = "change the configuration, move one of them, or list the pair in allowed_contacts";
-            let message = collision_message(&a.name, &b.name, depth, advice);
-            context.faults.push(placed.pointer.clone(), FaultCode::InitialCollision, message);
+            contacts.push(Contact { bodies: [&a.name, &b.name], depth, advice });
         }
     }
+    contacts
 }
 
 fn check_arms_against_objects(
@@ -483,7 +532,7 @@ fn check_arms_against_objects(
     code: FaultCode,
     context: &mut Context<'_>,
 ) {
-    for arm in arms {
+    for arm in arms.iter().filter(|arm| !arm.assumed) {
         for object in objects {
             let checks = |part: &Body, _: &Body| {
                 let held = object.holder == Some(arm.index) && arm.arm.hand_groups.contains(&part.group);

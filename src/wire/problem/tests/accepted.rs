@@ -211,25 +211,6 @@ fn carriers_are_exempt_and_other_obstacles_are_not() {
 }
 
 #[test]
-fn home_must_be_free_even_when_nobody_starts_there() {
-    let mut document = switch();
-    let block = json!({ "id": "block", "shape": { "type": "sphere", "radius": 0.05 }, "pose": {} });
-    set(&mut document, "/workcell/obstacles/4", block);
-    // Over the first arm's hand at home.
-    let arm = &accepted(&switch()).problem.workcell.arms[0];
-    let at = arm.tcp_pose(&arm.home).translation.vector;
-    set(
-        &mut document,
-        "/workcell/obstacles/4/pose",
-        json!({ "position": { "x": at.x, "y": at.y, "z": at.z } }),
-    );
-    set(&mut document, "/initial_joints", json!({ "arm_1": { "joint_1": 1.5 } }));
-    let faults = read(&document).unwrap_err();
-    assert_eq!(faults.len(), 1, "{}", lines(&faults));
-    assert!(has(&faults, "/workcell/arms/0/home", FaultCode::InitialCollision));
-}
-
-#[test]
 fn digests_leave_out_name_and_options_only() {
     let digest = |document: &Value| accepted(document).problem.digest;
     let base = digest(&switch());

@@ -2,6 +2,7 @@
 
 mod accepted;
 mod faults;
+mod homes;
 mod mutations;
 mod paths;
 
