@@ -11,8 +11,13 @@ use crate::kinematics::Config;
 use crate::problem::{ContactPartner, GoalPlacement, InitialPlacement};
 use crate::wire::fault::FaultCode;
 use crate::workcell::{
-    Arm, ArmId, ObjectId, ObjectModel, ObstacleId, RestFault, Surface, SurfaceId, footprint, rests_on,
+    Arm, ArmId, ObjectId, ObjectModel, ObstacleId, RestFault, Surface, SurfaceId, Symmetry, footprint,
+    rests_on,
 };
+
+/// How far an object may be from its goal (m, rad), as the judge has it.
+const POSITION_TOLERANCE: f64 = 1.0e-3;
+const ANGLE_TOLERANCE: f64 = 0.5 * std::f64::consts::PI / 180.0;
 
 /// An object in its place, for collision checks.
 struct PlacedObject<'d> {
@@ -58,7 +63,7 @@ pub fn check(draft: &Draft, context: &mut Context<'_>) -> Checked {
     let goal = resolve_goal(draft, context);
     check_held(draft, context);
     check_capacities(draft, &initial, &goal, context);
-    check_reach(draft, context);
+    check_reach(draft, &initial, context);
     let obstacles: Vec<(usize, Vec<Body>)> = draft
         .obstacles
         .iter()
@@ -268,16 +273,17 @@ fn is_packing_found(draft: &Draft, surface: &Surface, capacity: usize) -> bool {
 // ---------------------------------------------------------------------------------------------
 // Reach
 
-/// Refuses goals that no arm's TCP can come near enough to.
-fn check_reach(draft: &Draft, context: &mut Context<'_>) {
+/// Refuses goals that no arm's TCP can come near enough to, but for objects that are there already.
+fn check_reach(draft: &Draft, initial: &[Option<InitialPlacement>], context: &mut Context<'_>) {
     // Reach of an arm that could not be read is unknown.
     if draft.arms.is_empty() || draft.arms.iter().any(Option::is_none) {
         return;
     }
     let reaches: Vec<(Vec3, f64)> = draft.arms.iter().flatten().map(tcp_reach).collect();
-    for ((object, start), end) in draft.objects.iter().zip(&draft.initial).zip(&draft.goal) {
+    let placements = draft.initial.iter().zip(initial);
+    for ((object, (start, placement)), end) in draft.objects.iter().zip(placements).zip(&draft.goal) {
         let (Some(object), Some(end)) = (object, end) else { continue };
-        if start.as_ref().is_some_and(|start| is_there(&start.what, &end.what)) {
+        if start.as_ref().is_some_and(|start| is_there(object, &start.what, placement.as_ref(), &end.what)) {
             continue;
         }
         // The TCP of a grasp is this far from the object's origin, whatever its orientation.
@@ -308,14 +314,35 @@ fn check_reach(draft: &Draft, context: &mut Context<'_>) {
     }
 }
 
-/// Whether an object is at its goal from the start.
-fn is_there(start: &Start, end: &End) -> bool {
+/// Whether an object is at its goal from the start, as the judge of plans sees it; `placement` is what `start` resolves to.
+fn is_there(object: &ObjectModel, start: &Start, placement: Option<&InitialPlacement>, end: &End) -> bool {
     match (start, end) {
         (Start::Pose(start), End::Pose(end)) => {
-            (start.translation.vector - end.translation.vector).norm() < 1.0e-9
-                && start.rotation.angle_to(&end.rotation) < 1.0e-9
+            let off = (start.translation.vector - end.translation.vector).norm();
+            off <= POSITION_TOLERANCE && least_turn(object, start, end) <= ANGLE_TOLERANCE
         }
-        _ => false,
+        (Start::Pose(_), End::Surface(end)) => {
+            matches!(placement, Some(InitialPlacement::Resting { surface, .. }) if surface.0 == *end)
+        }
+        (Start::Held(..), _) => false,
+    }
+}
+
+/// The angle (rad) between an object's orientations at two poses, up to its symmetry.
+fn least_turn(object: &ObjectModel, from: &Pose, to: &Pose) -> f64 {
+    let turn = to.rotation.inverse() * from.rotation;
+    match object.symmetry {
+        Symmetry::Sphere => 0.0,
+        // Its axis may point either way.
+        Symmetry::CylinderZ => {
+            let axis = turn * Vec3::z();
+            axis.xy().norm().atan2(axis.z.abs())
+        }
+        Symmetry::None | Symmetry::Box => object
+            .symmetry_rotations
+            .iter()
+            .map(|rotation| rotation.angle_to(&turn))
+            .fold(turn.angle(), f64::min),
     }
 }
 
