@@ -164,18 +164,25 @@ impl ArmReader<'_> {
         (context.faults.count() == before).then_some(out)
     }
 
-    /// Notes the robots' overrides for joints that no arm of the robot has on its chain.
+    /// Notes the robots' overrides for joints that no arm of the robot has on its chain, a finger's perhaps: they say nothing.
+    /// One for a joint that the robot lacks is a fault.
     fn note_unused_limits(&self, context: &mut Context<'_>) {
         for robot in self.robots.values().flatten() {
             // No arm of it could be loaded: nothing is known about its joints.
             let Some(chain) = self.chains.get(robot.name()) else { continue };
-            for (joint, (_, pointer)) in &robot.limits {
-                if !chain.contains(joint) {
+            let unused: Vec<_> = robot.limits.iter().filter(|(joint, _)| !chain.contains(*joint)).collect();
+            let names = if unused.is_empty() { BTreeSet::new() } else { robot.joint_names() };
+            for (joint, (_, pointer)) in unused {
+                if names.contains(joint) {
                     let message = format!(
-                        "no arm of this robot has the joint `{}` between its root and its mount link; \
-                         remove it or name another",
+                        "no arm of this robot has the joint `{}` between its root and its mount link; its \
+                         limits are passed over",
                         shown(joint)
                     );
+                    context.faults.warn(pointer.clone(), FaultCode::UnknownJoint, message);
+                } else {
+                    let message =
+                        format!("the robot has no joint `{}`; remove it or name another", shown(joint));
                     context.faults.push(pointer.clone(), FaultCode::UnknownJoint, message);
                 }
             }

@@ -17,6 +17,7 @@ mod robot;
 mod shape;
 mod statics;
 mod triangles;
+mod urdf_names;
 
 pub use known_robots::KnownRobots;
 pub use limits::ReadLimits;

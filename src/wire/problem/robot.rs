@@ -8,6 +8,7 @@ use std::sync::Arc;
 use super::context::Context;
 use super::known_robots::RobotKey;
 use super::meshes::{Meshes, code_of};
+use super::urdf_names;
 use crate::geometry::{ConvexHull, Vec3};
 use crate::kinematics::{
     ArmModel, JointLimits, MeshError, MeshResolver, SrdfError, UrdfError, UrdfWarning, XmlError,
@@ -73,6 +74,11 @@ impl RobotSpec {
     /// JSON pointer to its URDF.
     pub fn pointer(&self) -> String {
         self.urdf.pointer.clone()
+    }
+
+    /// The names of all its joints, of a URDF that could be loaded.
+    pub fn joint_names(&self) -> BTreeSet<String> {
+        urdf_names::joint_names(&self.urdf.text)
     }
 }
 
