@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use super::context::{Context, Named};
 use super::known_robots::{KnownRobots, OverlapKey};
-use super::robot::{LoadedModel, ModelCache, RobotSpec, read_joint_values, read_limits};
+use super::robot::{LoadedModel, ModelCache, RobotSpec, lacks_joint, read_joint_values, read_limits};
 use super::shape::{read_shape, shape_bits};
 use super::statics::optional_pose;
 use crate::kinematics::{ArmModel, Config, Joint, JointLimits};
@@ -52,6 +52,9 @@ pub fn read_arms(
     let arms: Vec<_> =
         elements.iter().enumerate().map(|(index, node)| reader.read_arm(index, node, context)).collect();
     reader.note_unused_limits(context);
+    for robot in robots.values().flatten() {
+        reader.models.look_at_unused(robot, context);
+    }
     arms
 }
 
@@ -181,9 +184,7 @@ impl ArmReader<'_> {
                     );
                     context.faults.warn(pointer.clone(), FaultCode::UnknownJoint, message);
                 } else {
-                    let message =
-                        format!("the robot has no joint `{}`; remove it or name another", shown(joint));
-                    context.faults.push(pointer.clone(), FaultCode::UnknownJoint, message);
+                    context.faults.push(pointer.clone(), FaultCode::UnknownJoint, lacks_joint(joint));
                 }
             }
         }

@@ -1,4 +1,4 @@
-//! Names in the text of a URDF that has been accepted as XML: its joints.
+//! Names in the text of a URDF that has been accepted as XML: its joints, and the links that may carry a tool.
 
 use std::collections::BTreeSet;
 
@@ -15,6 +15,19 @@ pub fn joint_names(urdf: &str) -> BTreeSet<String> {
     elements(&document, "joint").filter_map(|joint| joint.attribute("name")).map(str::to_owned).collect()
 }
 
+/// The links that may carry a tool, those from which nothing hangs first.
+pub fn mount_links(urdf: &str) -> Vec<String> {
+    let Ok(document) = Document::parse(urdf) else { return Vec::new() };
+    let end = |joint: Node<'_, '_>, which| {
+        let link = joint.children().find(|node| node.tag_name().name() == which)?;
+        link.attribute("link").map(str::to_owned)
+    };
+    let ends = |which| elements(&document, "joint").filter_map(move |joint| end(joint, which));
+    let parents: BTreeSet<String> = ends("parent").collect();
+    let (inner, tips): (Vec<_>, Vec<_>) = ends("child").partition(|link| parents.contains(link));
+    tips.into_iter().chain(inner.into_iter().rev()).collect()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -25,8 +38,9 @@ mod tests {
         <joint name="three" type="fixed"><parent link="a"/><child link="d"/></joint></robot>"#;
 
     #[test]
-    fn joints_are_found() {
+    fn tips_come_first() {
         assert_eq!(joint_names(FORK).into_iter().collect::<Vec<_>>(), ["one", "three", "two"]);
-        assert!(joint_names("<robot").is_empty() && joint_names("").is_empty());
+        assert_eq!(mount_links(FORK), ["c", "d", "b"]);
+        assert!(joint_names("<robot").is_empty() && mount_links("").is_empty());
     }
 }
