@@ -10,7 +10,7 @@ use crate::geometry::Pose;
 use crate::plan::{ActionKind, Plan};
 use crate::problem::{GoalPlacement, GuidanceKind, InitialPlacement, Problem};
 use crate::run::{CancelToken, Control, Deadline};
-use crate::scenario::{Family, find, generate};
+use crate::scenario::{Family, RobotKind, find, generate, generate_with};
 use crate::verify::verify;
 use crate::wire::{LibraryOnly, ReadLimits, read_problem_value};
 use crate::workcell::ArmId;
@@ -191,6 +191,30 @@ fn arms_go_home_when_asked_to() {
     };
     assert!(ends(true).iter().all(|off| *off < 1e-9));
     assert!(ends(false).iter().any(|off| *off > 0.1), "nobody asked");
+}
+
+/// Arms of the kind that cannot be at 0 in all joints, without a home; and one whose home is blocked.
+#[test]
+fn arms_need_no_home_that_they_could_be_at() {
+    let mut document = generate_with(Family::Switch, 2, 2, 0, &[RobotKind::PandaType]).unwrap();
+    let mut starts = json!({});
+    for arm in document["workcell"]["arms"].as_array_mut().unwrap() {
+        let home = arm.as_object_mut().unwrap().remove("home").unwrap();
+        starts[arm["id"].as_str().unwrap()] = home;
+    }
+    document["initial_joints"] = starts;
+    solve_somehow(&read(&document));
+    let mut document = shipped("switch/2x2");
+    let arm = &read(&document).workcell.arms[0];
+    let hand = arm.tcp_position(&arm.home);
+    document["workcell"]["obstacles"].as_array_mut().unwrap().push(json!({
+        "id": "ball", "shape": { "type": "sphere", "radius": 0.05 },
+        "pose": { "position": { "x": hand.x, "y": hand.y, "z": hand.z } },
+    }));
+    document["initial_joints"] = json!({ "arm_1": { "joint_1": 1.5 } });
+    let problem = read(&document);
+    assert_eq!(problem.workcell.arms[0].home, problem.initial_joints[0]);
+    solve_somehow(&problem);
 }
 
 /// One cylinder, gripped from above only, whose goal is turned so; `away` says whether that is elsewhere.

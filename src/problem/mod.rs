@@ -67,7 +67,8 @@ pub struct Problem {
     pub name: String,
     /// `sha256:...` over the canonical document, FORMAT "problem_digest".
     pub digest: String,
-    /// The same over the workcell alone, under which what is compiled of it is kept.
+    /// The same over the workcell alone, under which what is compiled of it is kept. Where an arm's start stands in for its
+    /// home, what is compiled depends on that too, and so does this.
     pub workcell_digest: String,
     /// The workcell.
     pub workcell: Arc<Workcell>,

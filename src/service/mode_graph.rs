@@ -15,7 +15,7 @@ use crate::mode_graph::{
 use crate::problem::Problem;
 use crate::run::{Control, Seed};
 use crate::transition::SampledReach;
-use crate::wire::{Fault, FaultCode, PoseDocument, ReadLimits, read_problem_value, read_workcell_value};
+use crate::wire::{Fault, FaultCode, PoseDocument, ReadLimits, read_around_workcell, read_workcell_value};
 use crate::workcell::{ArmId, ObjectId, SurfaceId};
 
 /// Places per side that are tried for the probe on each surface.
@@ -73,7 +73,7 @@ fn probe(bundle: &Bundle, extents: Vec3, limits: &ReadLimits) -> Result<Problem,
                 "initial": { PROBE: { "pose": pose } },
             });
             let whole = serde_json::from_str(&whole.to_string().replace(PROBE, "quadrille-probe"));
-            match read_problem_value(&whole.unwrap_or(Value::Null), bundle, limits) {
+            match read_around_workcell(&whole.unwrap_or(Value::Null), bundle, limits) {
                 Ok(read) => return Ok(read.problem),
                 Err(faults) => why = faults,
             }

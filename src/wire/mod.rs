@@ -20,7 +20,9 @@ pub use fault::{Fault, FaultCode};
 pub use job::{JobFields, MAX_LABEL_VALUE, MAX_LABELS, MAX_PRIORITY, read_job};
 pub use json::{parse as parse_json, parse_bounded as parse_json_bounded};
 pub use pose::{PoseDocument, QuaternionDocument, VectorDocument};
-pub use problem::{KnownRobots, ReadLimits, ReadProblem, read_problem, read_problem_value};
+pub use problem::{
+    KnownRobots, ReadLimits, ReadProblem, read_around_workcell, read_problem, read_problem_value,
+};
 pub use reader::is_id;
 pub use resources::{Folder, LibraryOnly, Remembering, ResourceError, Resources, Scope, normalise};
 pub use workcell::{ReadWorkcell, read_workcell_value, unknown_workcell, with_workcell, workcell_reference};

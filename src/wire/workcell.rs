@@ -3,7 +3,7 @@
 use serde_json::{Map, Value, json};
 
 use super::fault::{Fault, FaultCode};
-use super::problem::{ReadLimits, SCHEMA, read_problem_value};
+use super::problem::{ReadLimits, SCHEMA, read_around_workcell};
 use super::resources::Resources;
 use crate::workcell::Workcell;
 
@@ -19,7 +19,8 @@ pub struct ReadWorkcell {
     pub warnings: Vec<Fault>,
 }
 
-/// Reads and validates the value of a problem's `workcell`. Faults have their places below it.
+/// Reads and validates the value of a problem's `workcell`. Faults have their places below it. What it gives of its arms'
+/// homes has to be right; what it leaves out need not be, as a problem may say where the arms start.
 ///
 /// # Errors
 /// All faults of the document.
@@ -30,7 +31,7 @@ pub fn read_workcell_value(
 ) -> Result<ReadWorkcell, Vec<Fault>> {
     let empty = json!({ "schema": SCHEMA, "workcell": document, "objects": [], "initial": {} });
     let below = |faults: Vec<Fault>| faults.into_iter().map(inside).collect::<Vec<_>>();
-    let read = read_problem_value(&empty, resources, limits).map_err(below)?;
+    let read = read_around_workcell(&empty, resources, limits).map_err(below)?;
     Ok(ReadWorkcell {
         workcell: read.problem.workcell,
         digest: read.problem.workcell_digest,

@@ -5,6 +5,7 @@
 use std::fs;
 use std::path::PathBuf;
 
+use quadrille::wire::{LibraryOnly, ReadLimits, read_problem_value};
 use serde_json::{Value, json};
 
 use crate::schema::faults;
@@ -72,6 +73,40 @@ fn scenarios_fit_the_schema_and_mistakes_do_not() {
         bad.pointer_mut(parent).unwrap()[key] = value;
         assert!(!faults(&api, &schema, &bad).is_empty(), "{pointer}");
     }
+}
+
+/// What the schema lets through is read, and what it does not is refused.
+#[test]
+fn the_schema_and_the_reader_agree() {
+    let api = quadrille::service::openapi_document();
+    let schema = json!({ "$ref": "#/components/schemas/Problem" });
+    for (pointer, value, is_good) in [
+        ("/objects/0/grasps", json!([{"id": "side", "object_in_tcp": {}}]), true),
+        ("/objects/0/grasps", json!([{"object_in_tcp": {}}]), false),
+        ("/objects/0/grasps", json!([{"id": 1, "object_in_tcp": {}}]), false),
+        ("/objects/0/grasps", json!({"generator": "top", "yaw_steps": 4, "depth": 0.02}), true),
+        ("/objects/0/grasps", json!({"generator": "box_edges", "depth": 0.02}), true),
+        ("/objects/0/grasps", json!([{"generator": "box_faces", "yaw_steps": 4}]), false),
+        ("/objects/0/grasps", json!([{"generator": "box_edges", "yaw_steps": 4}]), false),
+        ("/objects/0/grasps", json!([{"generator": "teeth"}]), false),
+        ("/workcell/arms/0/tool/max_opening", json!(0.05), true),
+        ("/workcell/arms/0/tool/max_opening", json!(0), false),
+        ("/workcell/surfaces/0/capacity", json!(4), true),
+        ("/workcell/surfaces/0/capacity", json!(null), true),
+        ("/workcell/surfaces/0/capacity", json!(-1), false),
+    ] {
+        let mut document = problem("x");
+        let (parent, key) = pointer.rsplit_once('/').unwrap();
+        document.pointer_mut(parent).unwrap()[key] = value.clone();
+        let found = faults(&api, &schema, &document);
+        assert_eq!(found.is_empty(), is_good, "{pointer} {value}: {found:?}");
+        let read = read_problem_value(&document, &LibraryOnly, &ReadLimits::default());
+        assert_eq!(read.is_ok(), is_good, "{pointer} {value}: {:?}", read.err());
+    }
+    // The checker knows no patterns but that of digests.
+    let id = "/components/schemas/Object/properties/id/pattern";
+    let grasp = api.pointer("/components/schemas/Grasp/anyOf/2/properties/id/pattern");
+    assert!(grasp.is_some() && grasp == api.pointer(id));
 }
 
 /// Whether `found` has all that `wanted` has; `"..."` stands for anything.

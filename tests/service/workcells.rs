@@ -176,3 +176,30 @@ async fn a_workcell_has_a_mode_graph() {
     }
     assert_eq!(server.get("/v1/workcells/nowhere/modes").await.status(), 404);
 }
+
+/// Where the arms of a workcell start is a problem's business.
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn arms_of_a_workcell_need_no_home_that_they_could_be_at() {
+    let server = Server::start(1, 8).await;
+    let mut bent = cell();
+    bent["robots"]["iiwa14"]["limits"] = json!({"joint_4": {"upper": -0.1}});
+    let mut starts = json!({});
+    for arm in bent["arms"].as_array_mut().unwrap() {
+        let home = arm.as_object_mut().unwrap().remove("home").unwrap();
+        starts[arm["id"].as_str().unwrap()] = home;
+    }
+    let reply = put(&server, "bent", "application/json", bent.to_string()).await;
+    assert_eq!(reply.status(), 201, "{}", reply.text().await.unwrap());
+    let graph = server.json("/v1/workcells/bent/modes").await;
+    assert_eq!(graph["schema"], "quadrille.mode_graph/1");
+    let mut referring = problem("improve 1");
+    referring["workcell"] = json!("bent");
+    let nowhere = problem_document(server.post("/v1/validate", referring.to_string()).await).await;
+    assert_eq!(nowhere["errors"][0]["code"], "out_of_range");
+    referring["initial_joints"] = starts;
+    assert_eq!(server.post("/v1/validate", referring.to_string()).await.status(), 200);
+    // What a workcell says of home itself has to be right.
+    bent["arms"][0]["home"] = json!({"joint_4": 0.0});
+    let wrong = problem_document(put(&server, "wrong", "application/json", bent.to_string()).await).await;
+    assert_eq!(wrong["errors"][0]["pointer"], "/arms/0/home/joint_4");
+}

@@ -42,13 +42,16 @@ pub(super) fn schemas() -> Vec<(&'static str, Value)> {
         properties["type"] = json!({ "const": kind });
         strict(&[&["type"], required].concat(), properties)
     };
-    let grasp = strict(&["object_in_tcp"], json!({ "id": text(), "object_in_tcp": reference("Pose") }));
-    let generator = strict(
-        &["generator"],
-        json!({
-            "generator": { "enum": ["box_faces", "box_edges", "top", "cylinder_side"] },
-            "depth": positive(), "yaw_steps": { "type": "integer", "minimum": 1, "maximum": 360 },
-        }),
+    let grasp = strict(&["id", "object_in_tcp"], json!({ "id": id(), "object_in_tcp": reference("Pose") }));
+    let generator = |names: &[&str], mut properties: Value| {
+        properties["generator"] = json!({ "enum": names });
+        properties["depth"] = positive();
+        strict(&["generator"], properties)
+    };
+    let by_parts = generator(&["box_faces", "box_edges"], json!({}));
+    let by_turns = generator(
+        &["top", "cylinder_side"],
+        json!({ "yaw_steps": { "type": "integer", "minimum": 1, "maximum": 360 } }),
     );
     let grasps = json!({
         "anyOf": [reference("Grasp"), list(reference("Grasp"))],
@@ -81,7 +84,7 @@ pub(super) fn schemas() -> Vec<(&'static str, Value)> {
                 shape("mesh", &["uri"], json!({ "uri": text(), "scale": reference("Vector") })),
             ] }),
         ),
-        ("Grasp", json!({ "anyOf": [generator, grasp] })),
+        ("Grasp", json!({ "anyOf": [by_parts, by_turns, grasp] })),
         (
             "JointLimits",
             map(strict(
@@ -106,7 +109,7 @@ pub(super) fn schemas() -> Vec<(&'static str, Value)> {
                 json!({
                     "mount_link": text(), "tcp": reference("Pose"),
                     "collision": list(strict(&["shape"], json!({ "shape": reference("Shape"), "pose": reference("Pose") }))),
-                    "max_opening": at_least_zero(), "grasp_time_s": at_least_zero(),
+                    "max_opening": positive(), "grasp_time_s": at_least_zero(),
                 }),
             ),
         ),
@@ -136,7 +139,7 @@ pub(super) fn schemas() -> Vec<(&'static str, Value)> {
                         json!({
                             "id": id(), "on": id(), "pose": reference("Pose"),
                             "size": strict(&["x", "y"], json!({ "x": positive(), "y": positive() })),
-                            "capacity": { "type": "integer", "minimum": 0 },
+                            "capacity": nullable(&json!({ "type": "integer", "minimum": 0 })),
                         }),
                     )),
                     "allowed_contacts": list(json!({ "type": "array", "items": text(), "minItems": 2, "maxItems": 2 })),

@@ -5,10 +5,10 @@ use std::sync::Arc;
 
 use super::context::{Context, Named};
 use super::known_robots::{KnownRobots, OverlapKey};
-use super::robot::{LoadedModel, ModelCache, RobotSpec, read_joint_values, read_limits};
+use super::robot::{LoadedModel, ModelCache, RobotSpec, lacks_joint, read_joint_values, read_limits};
 use super::shape::{read_shape, shape_bits};
 use super::statics::optional_pose;
-use crate::kinematics::{ArmModel, Config, JointLimits};
+use crate::kinematics::{ArmModel, Config, Joint, JointLimits};
 use crate::run::Seed;
 use crate::wire::fault::FaultCode;
 use crate::wire::reader::{Fields, Node, Range, shown};
@@ -52,6 +52,9 @@ pub fn read_arms(
     let arms: Vec<_> =
         elements.iter().enumerate().map(|(index, node)| reader.read_arm(index, node, context)).collect();
     reader.note_unused_limits(context);
+    for robot in robots.values().flatten() {
+        reader.models.look_at_unused(robot, context);
+    }
     arms
 }
 
@@ -71,8 +74,7 @@ impl ArmReader<'_> {
         });
         let base =
             fields.required("base", &mut context.faults).and_then(|node| node.pose(&mut context.faults));
-        let home = fields.optional("home").map(|node| (read_joint_values(&node, context), node.pointer));
-        let (home, home_pointer) = home.unwrap_or_else(|| (BTreeMap::new(), node.pointer.clone()));
+        let home = fields.optional("home").map(|node| read_joint_values(&node, context)).unwrap_or_default();
         let overrides = fields.optional("limits").map(|node| read_limits(&node, context)).unwrap_or_default();
         let tool = fields.required("tool", &mut context.faults).and_then(|node| {
             let mut fields = node.fields(&mut context.faults)?;
@@ -90,7 +92,8 @@ impl ArmReader<'_> {
             context,
         )?;
         let limits = self.limits(node, robot, &loaded.model, &overrides, context)?;
-        let home = configuration(&loaded.model, &limits, None, &home, &home_pointer, false, context)?;
+        let value = |joint: &Joint| home.get(&joint.name).map_or(0.0, |(value, _)| *value);
+        let home = loaded.model.joints.iter().map(value).collect();
         let tool = tool?;
         let exempt_groups = self.exempt(&loaded, &tool, &limits, robot, context);
         Some(Arm {
@@ -164,19 +167,24 @@ impl ArmReader<'_> {
         (context.faults.count() == before).then_some(out)
     }
 
-    /// Notes the robots' overrides for joints that no arm of the robot has on its chain.
+    /// Notes the robots' overrides for joints that no arm of the robot has on its chain, a finger's perhaps: they say nothing.
+    /// One for a joint that the robot lacks is a fault.
     fn note_unused_limits(&self, context: &mut Context<'_>) {
         for robot in self.robots.values().flatten() {
             // No arm of it could be loaded: nothing is known about its joints.
             let Some(chain) = self.chains.get(robot.name()) else { continue };
-            for (joint, (_, pointer)) in &robot.limits {
-                if !chain.contains(joint) {
+            let unused: Vec<_> = robot.limits.iter().filter(|(joint, _)| !chain.contains(*joint)).collect();
+            let names = if unused.is_empty() { BTreeSet::new() } else { robot.joint_names() };
+            for (joint, (_, pointer)) in unused {
+                if names.contains(joint) {
                     let message = format!(
-                        "no arm of this robot has the joint `{}` between its root and its mount link; \
-                         remove it or name another",
+                        "no arm of this robot has the joint `{}` between its root and its mount link; its \
+                         limits are passed over",
                         shown(joint)
                     );
-                    context.faults.push(pointer.clone(), FaultCode::UnknownJoint, message);
+                    context.faults.warn(pointer.clone(), FaultCode::UnknownJoint, message);
+                } else {
+                    context.faults.push(pointer.clone(), FaultCode::UnknownJoint, lacks_joint(joint));
                 }
             }
         }
@@ -258,41 +266,30 @@ fn read_tool<'a>(fields: &mut Fields<'a>, context: &mut Context<'_>) -> Option<(
     mount.map(|mount| (mount, tool))
 }
 
-/// The configuration that `values` means: joints that they leave out stand as in `otherwise`, or
-/// at 0. With `strict`, a joint outside the chain is a fault (in `home` the model's loading has
-/// looked at those).
-pub fn configuration(
-    model: &ArmModel,
-    limits: &[JointLimits],
-    otherwise: Option<&Config>,
+/// Where an arm starts by `values`, each within its joint's limits; joints that these leave out stand as at home, which is
+/// judged elsewhere.
+pub fn start_configuration(
+    arm: &Arm,
     values: &BTreeMap<String, (f64, String)>,
-    pointer: &str,
-    strict: bool,
     context: &mut Context<'_>,
 ) -> Option<Config> {
-    let before = context.faults.count();
-    if strict {
-        for (joint, (_, pointer)) in values {
-            if model.joints.iter().all(|known| known.name != *joint) {
-                context.faults.push(pointer.clone(), FaultCode::UnknownJoint, unknown_joint(joint, model));
-            }
+    let (before, model) = (context.faults.count(), &arm.model);
+    for (joint, (_, pointer)) in values {
+        if model.joints.iter().all(|known| known.name != *joint) {
+            context.faults.push(pointer.clone(), FaultCode::UnknownJoint, unknown_joint(joint, model));
         }
     }
-    let mut out = Config::new();
-    for (index, (joint, limit)) in model.joints.iter().zip(limits).enumerate() {
-        let default = otherwise.and_then(|config| config.get(index)).copied().unwrap_or(0.0);
-        let (value, place) = match values.get(&joint.name) {
-            Some((value, place)) => (*value, place.as_str()),
-            None => (default, pointer),
-        };
-        if !(limit.lower..=limit.upper).contains(&value) {
+    let mut out = arm.home.clone();
+    for ((joint, limit), start) in model.joints.iter().zip(&arm.limits).zip(&mut out) {
+        let Some((value, pointer)) = values.get(&joint.name) else { continue };
+        if !(limit.lower..=limit.upper).contains(value) {
             let message = format!(
                 "joint `{}` at {value} is outside its limits {} to {}; give a value inside",
                 joint.name, limit.lower, limit.upper
             );
-            context.faults.push(place, FaultCode::OutOfRange, message);
+            context.faults.push(pointer.clone(), FaultCode::OutOfRange, message);
         }
-        out.push(value);
+        *start = *value;
     }
     (context.faults.count() == before).then_some(out)
 }

@@ -7,11 +7,17 @@ use super::draft::Draft;
 use super::packing::is_packed;
 use super::placement::{End, Start};
 use crate::geometry::{Pose, Vec3};
+use crate::kinematics::Config;
 use crate::problem::{ContactPartner, GoalPlacement, InitialPlacement};
 use crate::wire::fault::FaultCode;
 use crate::workcell::{
-    Arm, ArmId, ObjectId, ObjectModel, ObstacleId, RestFault, Surface, SurfaceId, footprint, rests_on,
+    Arm, ArmId, ObjectId, ObjectModel, ObstacleId, RestFault, Surface, SurfaceId, Symmetry, footprint,
+    rests_on,
 };
+
+/// How far an object may be from its goal (m, rad), as the judge has it.
+const POSITION_TOLERANCE: f64 = 1.0e-3;
+const ANGLE_TOLERANCE: f64 = 0.5 * std::f64::consts::PI / 180.0;
 
 /// An object in its place, for collision checks.
 struct PlacedObject<'d> {
@@ -28,19 +34,36 @@ struct PlacedArm<'d> {
     index: usize,
     arm: &'d Arm,
     pointer: String,
+    /// Whether it is assumed to be there, and nobody's statement.
+    assumed: bool,
     bodies: Vec<Body>,
 }
 
-/// Runs all checks on whatever could be read, and resolves placements: `None` for those at fault.
-pub fn check(
-    draft: &Draft,
-    context: &mut Context<'_>,
-) -> (Vec<Option<InitialPlacement>>, Vec<Option<GoalPlacement>>) {
+/// A contact of two bodies.
+struct Contact<'b> {
+    bodies: [&'b str; 2],
+    depth: f64,
+    /// What to do about it.
+    advice: &'static str,
+}
+
+/// What came of the checks.
+pub struct Checked {
+    /// Where each object is; `None` for those at fault.
+    pub initial: Vec<Option<InitialPlacement>>,
+    /// Where each object shall go; `None` for those at fault.
+    pub goal: Vec<Option<GoalPlacement>>,
+    /// By arm, what stands in for its home, where it is not to be there and could not.
+    pub homes: Vec<Option<Config>>,
+}
+
+/// Runs all checks on whatever could be read, and resolves placements.
+pub fn check(draft: &Draft, context: &mut Context<'_>) -> Checked {
     let initial = resolve_initial(draft, context);
     let goal = resolve_goal(draft, context);
     check_held(draft, context);
     check_capacities(draft, &initial, &goal, context);
-    check_reach(draft, context);
+    check_reach(draft, &initial, context);
     let obstacles: Vec<(usize, Vec<Body>)> = draft
         .obstacles
         .iter()
@@ -52,22 +75,18 @@ pub fn check(
     check_objects(draft, &starts, &obstacles, FaultCode::InitialCollision, context);
     check_arms(draft, &arms, &obstacles, context);
     check_arms_against_objects(draft, &arms, &starts, FaultCode::InitialCollision, context);
-    let homes = arms_at_home(draft);
-    let elsewhere: Vec<PlacedArm<'_>> =
-        homes.into_iter().filter(|home| draft.starts_elsewhere(home.index)).collect();
-    if draft.options.return_home {
+    let homes = if draft.options.return_home {
         check_arms(draft, &arms_at_home(draft), &obstacles, context);
+        vec![None; draft.arms.len()]
     } else {
-        for home in &elsewhere {
-            check_one_arm(draft, home, &obstacles, context);
-        }
-    }
+        homes_that_are_free(draft, &obstacles, context)
+    };
     let ends = placed_at_goal(draft, &goal);
     check_objects(draft, &ends, &obstacles, FaultCode::GoalCollision, context);
     if draft.options.return_home {
         check_arms_against_objects(draft, &arms_at_home(draft), &ends, FaultCode::GoalCollision, context);
     }
-    (initial, goal)
+    Checked { initial, goal, homes }
 }
 
 // ---------------------------------------------------------------------------------------------
@@ -254,16 +273,17 @@ fn is_packing_found(draft: &Draft, surface: &Surface, capacity: usize) -> bool {
 // ---------------------------------------------------------------------------------------------
 // Reach
 
-/// Refuses goals that no arm's TCP can come near enough to.
-fn check_reach(draft: &Draft, context: &mut Context<'_>) {
+/// Refuses goals that no arm's TCP can come near enough to, but for objects that are there already.
+fn check_reach(draft: &Draft, initial: &[Option<InitialPlacement>], context: &mut Context<'_>) {
     // Reach of an arm that could not be read is unknown.
     if draft.arms.is_empty() || draft.arms.iter().any(Option::is_none) {
         return;
     }
     let reaches: Vec<(Vec3, f64)> = draft.arms.iter().flatten().map(tcp_reach).collect();
-    for ((object, start), end) in draft.objects.iter().zip(&draft.initial).zip(&draft.goal) {
+    let placements = draft.initial.iter().zip(initial);
+    for ((object, (start, placement)), end) in draft.objects.iter().zip(placements).zip(&draft.goal) {
         let (Some(object), Some(end)) = (object, end) else { continue };
-        if start.as_ref().is_some_and(|start| is_there(&start.what, &end.what)) {
+        if start.as_ref().is_some_and(|start| is_there(object, &start.what, placement.as_ref(), &end.what)) {
             continue;
         }
         // The TCP of a grasp is this far from the object's origin, whatever its orientation.
@@ -294,14 +314,35 @@ fn check_reach(draft: &Draft, context: &mut Context<'_>) {
     }
 }
 
-/// Whether an object is at its goal from the start.
-fn is_there(start: &Start, end: &End) -> bool {
+/// Whether an object is at its goal from the start, as the judge of plans sees it; `placement` is what `start` resolves to.
+fn is_there(object: &ObjectModel, start: &Start, placement: Option<&InitialPlacement>, end: &End) -> bool {
     match (start, end) {
         (Start::Pose(start), End::Pose(end)) => {
-            (start.translation.vector - end.translation.vector).norm() < 1.0e-9
-                && start.rotation.angle_to(&end.rotation) < 1.0e-9
+            let off = (start.translation.vector - end.translation.vector).norm();
+            off <= POSITION_TOLERANCE && least_turn(object, start, end) <= ANGLE_TOLERANCE
         }
-        _ => false,
+        (Start::Pose(_), End::Surface(end)) => {
+            matches!(placement, Some(InitialPlacement::Resting { surface, .. }) if surface.0 == *end)
+        }
+        (Start::Held(..), _) => false,
+    }
+}
+
+/// The angle (rad) between an object's orientations at two poses, up to its symmetry.
+fn least_turn(object: &ObjectModel, from: &Pose, to: &Pose) -> f64 {
+    let turn = to.rotation.inverse() * from.rotation;
+    match object.symmetry {
+        Symmetry::Sphere => 0.0,
+        // Its axis may point either way.
+        Symmetry::CylinderZ => {
+            let axis = turn * Vec3::z();
+            axis.xy().norm().atan2(axis.z.abs())
+        }
+        Symmetry::None | Symmetry::Box => object
+            .symmetry_rotations
+            .iter()
+            .map(|rotation| rotation.angle_to(&turn))
+            .fold(turn.angle(), f64::min),
     }
 }
 
@@ -378,8 +419,9 @@ fn arms_at_start(draft: &Draft) -> Vec<PlacedArm<'_>> {
     starts
         .filter_map(|(index, (arm, start))| {
             let (arm, (q, pointer)) = (arm.as_ref()?, start.as_ref()?);
-            let pointer = pointer.clone().unwrap_or_else(|| draft.home_pointer(index));
-            Some(PlacedArm { index, arm, pointer, bodies: arm_bodies(arm, q) })
+            let pointer = pointer.clone().unwrap_or_else(|| draft.homes.pointer(index));
+            let assumed = draft.assumed.get(index).copied().unwrap_or(false);
+            Some(PlacedArm { index, arm, pointer, assumed, bodies: arm_bodies(arm, q) })
         })
         .collect()
 }
@@ -388,9 +430,33 @@ fn arms_at_home(draft: &Draft) -> Vec<PlacedArm<'_>> {
     let arms = draft.arms.iter().enumerate();
     arms.filter_map(|(index, arm)| {
         let arm = arm.as_ref()?;
-        Some(PlacedArm { index, arm, pointer: draft.home_pointer(index), bodies: arm_bodies(arm, &arm.home) })
+        let (pointer, bodies) = (draft.homes.pointer(index), arm_bodies(arm, &arm.home));
+        Some(PlacedArm { index, arm, pointer, assumed: false, bodies })
     })
     .collect()
+}
+
+/// By arm that starts elsewhere and need not come home, where it starts if it cannot be at home: that stands in for it.
+fn homes_that_are_free(
+    draft: &Draft,
+    obstacles: &[(usize, Vec<Body>)],
+    context: &mut Context<'_>,
+) -> Vec<Option<Config>> {
+    let mut homes = vec![None; draft.arms.len()];
+    for home in arms_at_home(draft) {
+        let Some(start) = draft.start_elsewhere(home.index) else { continue };
+        let contacts = contacts_of_arm(draft, &home, obstacles);
+        let (Some(Contact { bodies: [a, b], depth, .. }), Some(slot)) =
+            (contacts.first(), homes.get_mut(home.index))
+        else {
+            continue;
+        };
+        *slot = Some(start.clone());
+        let advice = "the arm does not have to be at home, and where it starts stands in for it";
+        let message = collision_message(a, b, *depth, advice);
+        context.faults.warn(home.pointer.clone(), FaultCode::InitialCollision, message);
+    }
+    homes
 }
 
 fn collision_message(one: &str, other: &str, depth: f64, advice: &str) -> String {
@@ -435,7 +501,9 @@ fn check_arms(
     context: &mut Context<'_>,
 ) {
     for (index, one) in arms.iter().enumerate() {
-        check_one_arm(draft, one, obstacles, context);
+        for Contact { bodies: [a, b], depth, advice } in contacts_of_arm(draft, one, obstacles) {
+            note_collision(&one.pointer, one.assumed, collision_message(a, b, depth, advice), context);
+        }
         for other in &arms[..index] {
             let checks = |a: &Body, b: &Body| {
                 let (a, b) = ((ArmId(one.index), a.group), (ArmId(other.index), b.group));
@@ -444,24 +512,32 @@ fn check_arms(
             if let Some((a, b, depth)) = deepest(&one.bodies, &other.bodies, checks) {
                 let message =
                     collision_message(&a.name, &b.name, depth, "change a configuration or move an arm");
-                context.faults.push(one.pointer.clone(), FaultCode::InitialCollision, message);
+                note_collision(&one.pointer, one.assumed || other.assumed, message, context);
             }
         }
     }
 }
 
-/// An arm against itself and against the obstacles.
-fn check_one_arm(
+/// Notes a collision of an arm: a warning where it is only assumed to be there.
+fn note_collision(pointer: &str, assumed: bool, message: String, context: &mut Context<'_>) {
+    if assumed {
+        context.faults.warn(pointer, FaultCode::InitialCollision, message);
+    } else {
+        context.faults.push(pointer, FaultCode::InitialCollision, message);
+    }
+}
+
+/// Contacts of an arm with itself, the deepest, and with each obstacle.
+fn contacts_of_arm<'b>(
     draft: &Draft,
-    placed: &PlacedArm<'_>,
-    obstacles: &[(usize, Vec<Body>)],
-    context: &mut Context<'_>,
-) {
+    placed: &'b PlacedArm<'_>,
+    obstacles: &'b [(usize, Vec<Body>)],
+) -> Vec<Contact<'b>> {
+    let mut contacts = Vec::new();
     let itself = |a: &Body, b: &Body| a.group < b.group && placed.arm.checks_groups(a.group, b.group);
     if let Some((a, b, depth)) = deepest(&placed.bodies, &placed.bodies, itself) {
-        let message =
-            collision_message(&a.name, &b.name, depth, "change the configuration, or exempt the pair");
-        context.faults.push(placed.pointer.clone(), FaultCode::InitialCollision, message);
+        let advice = "change the configuration, or exempt the pair";
+        contacts.push(Contact { bodies: [&a.name, &b.name], depth, advice });
     }
     for (obstacle, body) in obstacles {
         let checks = |a: &Body, _: &Body| {
@@ -470,10 +546,10 @@ fn check_one_arm(
         };
         if let Some((a, b, depth)) = deepest(&placed.bodies, body, checks) {
             let advice = "change the configuration, move one of them, or list the pair in allowed_contacts";
-            let message = collision_message(&a.name, &b.name, depth, advice);
-            context.faults.push(placed.pointer.clone(), FaultCode::InitialCollision, message);
+            contacts.push(Contact { bodies: [&a.name, &b.name], depth, advice });
         }
     }
+    contacts
 }
 
 fn check_arms_against_objects(
@@ -483,7 +559,7 @@ fn check_arms_against_objects(
     code: FaultCode,
     context: &mut Context<'_>,
 ) {
-    for arm in arms {
+    for arm in arms.iter().filter(|arm| !arm.assumed) {
         for object in objects {
             let checks = |part: &Body, _: &Body| {
                 let held = object.holder == Some(arm.index) && arm.arm.hand_groups.contains(&part.group);

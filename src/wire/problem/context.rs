@@ -33,6 +33,8 @@ pub struct Context<'r> {
     pub limits: &'r ReadLimits,
     /// The meshes of the document.
     pub meshes: Rc<Meshes<'r>>,
+    /// Whether the document stands around a workcell alone: nobody says where its arms start.
+    pub bare: bool,
     /// What is wrong so far.
     pub faults: Faults,
     /// Digests of the contents of references, by JSON pointer.
@@ -50,6 +52,7 @@ impl<'r> Context<'r> {
             resources,
             limits,
             meshes: Rc::new(Meshes::new(resources, limits)),
+            bare: false,
             faults: Faults::new(limits.max_faults),
             contents: BTreeMap::new(),
             names: BTreeMap::new(),

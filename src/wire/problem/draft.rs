@@ -1,6 +1,7 @@
 //! A problem half read: what could not be read is `None`, so that the rest is checked all the same.
 
-use super::placement::{End, Placed, Start};
+use super::homes::StatedHomes;
+use super::placement::{ArmStart, End, Placed, Start};
 use super::statics::AllowedContacts;
 use crate::kinematics::Config;
 use crate::problem::Options;
@@ -11,8 +12,10 @@ use crate::workcell::{Arm, ObjectModel, Obstacle, ObstacleId, Surface, SurfaceId
 pub struct Draft {
     /// Arms.
     pub arms: Vec<Option<Arm>>,
-    /// By arm, whether its element has `home`.
-    pub has_home: Vec<bool>,
+    /// What their elements say of their homes.
+    pub homes: StatedHomes,
+    /// By arm, whether nobody says where it starts.
+    pub assumed: Vec<bool>,
     /// Obstacles.
     pub obstacles: Vec<Option<Obstacle>>,
     /// Surfaces.
@@ -25,8 +28,8 @@ pub struct Draft {
     pub initial: Vec<Option<Placed<Start>>>,
     /// By object, where it shall go.
     pub goal: Vec<Option<Placed<End>>>,
-    /// By arm, where it starts, and the JSON pointer of its entry in `initial_joints`.
-    pub starts: Vec<Option<(Config, Option<String>)>>,
+    /// By arm, where it starts.
+    pub starts: Vec<Option<ArmStart>>,
     /// Options.
     pub options: Options,
 }
@@ -37,17 +40,11 @@ impl Draft {
         self.surfaces.get(surface.0)?.as_ref()?.carrier
     }
 
-    /// The JSON pointer of what decides an arm's home.
-    pub fn home_pointer(&self, arm: usize) -> String {
-        let home = if self.has_home.get(arm).copied().unwrap_or(false) { "/home" } else { "" };
-        format!("/workcell/arms/{arm}{home}")
-    }
-
-    /// Whether an arm starts anywhere but at home.
-    pub fn starts_elsewhere(&self, arm: usize) -> bool {
+    /// Where an arm starts, if that is anywhere but at home.
+    pub fn start_elsewhere(&self, arm: usize) -> Option<&Config> {
         match (self.arms.get(arm), self.starts.get(arm)) {
-            (Some(Some(arm)), Some(Some((start, _)))) => *start != arm.home,
-            _ => false,
+            (Some(Some(arm)), Some(Some((start, _)))) if *start != arm.home => Some(start),
+            _ => None,
         }
     }
 }

@@ -5,6 +5,7 @@ mod bodies;
 mod checks;
 mod context;
 mod draft;
+mod homes;
 mod known_robots;
 mod limits;
 mod meshes;
@@ -16,6 +17,7 @@ mod robot;
 mod shape;
 mod statics;
 mod triangles;
+mod urdf_names;
 
 pub use known_robots::KnownRobots;
 pub use limits::ReadLimits;
@@ -27,6 +29,7 @@ use serde_json::Value;
 
 use self::context::Context;
 use self::draft::Draft;
+use self::homes::StatedHomes;
 use super::digest::Digests;
 use super::fault::{Fault, FaultCode};
 use super::json;
@@ -83,7 +86,25 @@ pub fn read_problem_value(
     resources: &dyn Resources,
     limits: &ReadLimits,
 ) -> Result<ReadProblem, Vec<Fault>> {
+    read_with(document, Context::new(resources, limits))
+}
+
+/// As [`read_problem_value`], for a document that was put around a workcell: nobody says where its arms start. Of their homes
+/// only what the workcell gives has to be right; an arm without one stands somewhere.
+///
+/// # Errors
+/// All faults of the document.
+pub fn read_around_workcell(
+    document: &Value,
+    resources: &dyn Resources,
+    limits: &ReadLimits,
+) -> Result<ReadProblem, Vec<Fault>> {
     let mut context = Context::new(resources, limits);
+    context.bare = true;
+    read_with(document, context)
+}
+
+fn read_with(document: &Value, mut context: Context<'_>) -> Result<ReadProblem, Vec<Fault>> {
     let problem = read_document(document, &mut context);
     let warnings = std::mem::take(&mut context.faults).finish()?;
     match problem {
@@ -110,9 +131,9 @@ fn read_document(document: &Value, context: &mut Context<'_>) -> Option<Problem>
         Some(node) => options::read_options(&node, context.limits, &mut context.faults),
         None => Options { time_budget_s: context.limits.default_time_budget_s, ..Options::default() },
     };
-    let draft = read_parts(workcell, objects, options, &mut fields, context);
+    let mut draft = read_parts(workcell, objects, options, &mut fields, context);
     fields.finish(&mut context.faults);
-    let (initial, goal) = checks::check(&draft, context);
+    let checks::Checked { initial, goal, homes } = checks::check(&draft, context);
     if !context.faults.is_empty() {
         return None;
     }
@@ -121,6 +142,11 @@ fn read_document(document: &Value, context: &mut Context<'_>) -> Option<Problem>
         context.faults.push("", FaultCode::InvalidJson, message);
         return None;
     };
+    for (arm, home) in draft.arms.iter_mut().zip(&homes) {
+        if let (Some(arm), Some(home)) = (arm, home) {
+            arm.home.clone_from(home);
+        }
+    }
     let workcell = Workcell {
         arms: whole(draft.arms)?,
         obstacles: whole(draft.obstacles)?,
@@ -131,7 +157,7 @@ fn read_document(document: &Value, context: &mut Context<'_>) -> Option<Problem>
     Some(Problem {
         name,
         digest: digests.problem,
-        workcell_digest: digests.workcell,
+        workcell_digest: homes::digest_with(digests.workcell, &homes),
         workcell: Arc::new(workcell),
         objects: whole(draft.objects)?,
         initial: whole(initial)?,
@@ -167,9 +193,7 @@ fn read_parts(
     let robots = if robots.is_some() { robot::read_robots(robots, context) } else { BTreeMap::new() };
     let obstacles = statics::read_obstacles(obstacles, context);
     let surfaces = statics::read_surfaces(surfaces, context);
-    let elements = arms.as_ref().and_then(|node| node.value.as_array());
-    let has_home =
-        elements.map(|list| list.iter().map(|arm| arm.get("home").is_some()).collect()).unwrap_or_default();
+    let homes = StatedHomes::of(arms.as_ref());
     let mut arms = arm::read_arms(arms, &robots, context);
     let max_opening = widest_opening(&arms);
     let ids_of = objects.as_ref().and_then(|node| node.value.as_array());
@@ -192,8 +216,9 @@ fn read_parts(
     let initial = fields.required("initial", &mut context.faults);
     let initial = placement::read_initial(initial, &ids, context);
     let goal = placement::read_goal(fields.optional("goal"), objects.len(), context);
-    let starts = placement::read_initial_joints(fields.optional("initial_joints"), &arms, context);
-    Draft { arms, has_home, obstacles, surfaces, allowed, objects, initial, goal, starts, options }
+    let mut starts = placement::read_initial_joints(fields.optional("initial_joints"), &arms, context);
+    let assumed = homes::settle(&mut arms, &mut starts, &homes, options.return_home, context);
+    Draft { arms, homes, assumed, obstacles, surfaces, allowed, objects, initial, goal, starts, options }
 }
 
 /// The opening (m) of the widest gripper.

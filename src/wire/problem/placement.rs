@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use super::arm::configuration;
+use super::arm::start_configuration;
 use super::context::{Context, Named};
 use super::robot::read_joint_values;
 use crate::geometry::Pose;
@@ -40,6 +40,9 @@ pub struct Placed<T> {
     /// JSON pointer to it.
     pub pointer: String,
 }
+
+/// Where an arm starts, and the JSON pointer of its entry in `initial_joints`.
+pub type ArmStart = (Config, Option<String>);
 
 /// The entries of a map from object ids, by object.
 fn by_object<'a>(node: &Node<'a>, context: &mut Context<'_>) -> Vec<(usize, Node<'a>)> {
@@ -162,7 +165,7 @@ pub fn read_initial_joints(
     node: Option<Node<'_>>,
     arms: &[Option<Arm>],
     context: &mut Context<'_>,
-) -> Vec<Option<(Config, Option<String>)>> {
+) -> Vec<Option<ArmStart>> {
     let mut out: Vec<_> = arms.iter().map(|arm| arm.as_ref().map(|arm| (arm.home.clone(), None))).collect();
     let Some(node) = node else { return out };
     for (name, node) in node.entries(&mut context.faults) {
@@ -172,8 +175,7 @@ pub fn read_initial_joints(
         };
         let values: BTreeMap<_, _> = read_joint_values(&node, context);
         let Some(Some(arm)) = arms.get(index) else { continue };
-        let config =
-            configuration(&arm.model, &arm.limits, Some(&arm.home), &values, &node.pointer, true, context);
+        let config = start_configuration(arm, &values, context);
         if let Some(slot) = out.get_mut(index) {
             *slot = config.map(|config| (config, Some(node.pointer.clone())));
         }

@@ -8,6 +8,7 @@ use std::sync::Arc;
 use super::context::Context;
 use super::known_robots::RobotKey;
 use super::meshes::{Meshes, code_of};
+use super::urdf_names;
 use crate::geometry::{ConvexHull, Vec3};
 use crate::kinematics::{
     ArmModel, JointLimits, MeshError, MeshResolver, SrdfError, UrdfError, UrdfWarning, XmlError,
@@ -21,6 +22,9 @@ use crate::workcell::contacts::GroupPair;
 
 /// Greatest magnitude of a joint value, velocity or acceleration in an override.
 const MAX_JOINT_FIGURE: f64 = 1.0e4;
+
+/// Links of a robot without arms that are tried for one that could carry a tool.
+const MOST_MOUNTS: usize = 4;
 
 /// Most unknown joints of one arm that are told apart.
 const MAX_UNKNOWN_JOINTS: usize = 16;
@@ -73,6 +77,11 @@ impl RobotSpec {
     /// JSON pointer to its URDF.
     pub fn pointer(&self) -> String {
         self.urdf.pointer.clone()
+    }
+
+    /// The names of all its joints, of a URDF that could be loaded.
+    pub fn joint_names(&self) -> BTreeSet<String> {
+        urdf_names::joint_names(&self.urdf.text)
     }
 }
 
@@ -237,6 +246,11 @@ pub fn read_joint_values(node: &Node<'_>, context: &mut Context<'_>) -> BTreeMap
     out
 }
 
+/// What is said of limits for a joint that the robot lacks.
+pub fn lacks_joint(joint: &str) -> String {
+    format!("the robot has no joint `{}`; remove it or name another", shown(joint))
+}
+
 /// What decides a model: robot, mount link, and the values (as bits) of held joints.
 type ModelKey = (String, String, Vec<(String, u64)>);
 
@@ -358,22 +372,66 @@ impl ModelCache {
         if let Some(digest) = meshes.digest(&spec.urdf.text) {
             context.contents.insert(spec.urdf.pointer.clone(), digest);
         }
-        let disabled = match &spec.srdf {
-            None => Vec::new(),
-            Some(srdf) => match disabled_group_pairs(&srdf.text, &model) {
-                Ok(pairs) => pairs,
-                Err(error) => {
-                    let code = match &error {
-                        SrdfError::UnknownLinks { .. } => FaultCode::UnknownLink,
-                        SrdfError::Xml(XmlError::TooLarge { .. }) => FaultCode::TooLarge,
-                        _ => FaultCode::BadSrdf,
-                    };
-                    self.note_once(&srdf.pointer, code, &error.to_string(), context);
-                    return None;
-                }
-            },
-        };
+        let disabled = self.disabled(spec, &model, context)?;
         Some(LoadedModel { model, disabled })
+    }
+
+    /// The pairs of rigid groups that the SRDF of `spec` disables; `None` when it is no good.
+    fn disabled(
+        &mut self,
+        spec: &RobotSpec,
+        model: &ArmModel,
+        context: &mut Context<'_>,
+    ) -> Option<Vec<GroupPair>> {
+        let Some(srdf) = &spec.srdf else { return Some(Vec::new()) };
+        match disabled_group_pairs(&srdf.text, model) {
+            Ok(pairs) => Some(pairs),
+            Err(error) => {
+                let code = match &error {
+                    SrdfError::UnknownLinks { .. } => FaultCode::UnknownLink,
+                    SrdfError::Xml(XmlError::TooLarge { .. }) => FaultCode::TooLarge,
+                    _ => FaultCode::BadSrdf,
+                };
+                self.note_once(&srdf.pointer, code, &error.to_string(), context);
+                None
+            }
+        }
+    }
+
+    /// Looks at a robot that no arm has loaded: its URDF, its SRDF and its limits have to be good all the same. Files of
+    /// meshes are not asked for.
+    pub fn look_at_unused(&mut self, spec: &RobotSpec, context: &mut Context<'_>) {
+        if self.loaded.keys().any(|(name, ..)| *name == spec.name) {
+            return;
+        }
+        let model = match model_of_unused(spec) {
+            Ok(model) => model,
+            Err(error) => return self.note(&error, spec, &spec.urdf.pointer, &BTreeMap::new(), context),
+        };
+        if let Some(model) = &model {
+            self.disabled(spec, model, context);
+        }
+        let names = if spec.limits.is_empty() { BTreeSet::new() } else { spec.joint_names() };
+        for (joint, (given, pointer)) in &spec.limits {
+            if !names.contains(joint) {
+                context.faults.push(pointer.clone(), FaultCode::UnknownJoint, lacks_joint(joint));
+                continue;
+            }
+            let known = model.iter().flat_map(|model| &model.joints).find(|known| known.name == *joint);
+            let (lower, upper) = (f64::NEG_INFINITY, f64::INFINITY);
+            let unlimited = JointLimits { lower, upper, velocity: 0.0, acceleration: 0.0 };
+            let mut limits = known.map_or(unlimited, |known| known.limits);
+            given.apply(&mut limits);
+            if limits.lower > limits.upper {
+                let message = format!(
+                    "joint `{}`: lower limit {} above upper limit {}; swap or widen them",
+                    shown(joint),
+                    limits.lower,
+                    limits.upper
+                );
+                context.faults.push(pointer.clone(), FaultCode::OutOfRange, message);
+            }
+        }
     }
 
     /// Notes a fault of a robot once, however many arms it has.
@@ -415,6 +473,42 @@ impl ModelCache {
             }
             _ => self.note_once(&spec.urdf.pointer, FaultCode::BadUrdf, &message, context),
         }
+    }
+}
+
+/// A model of a robot that no arm uses, with the tool on some link; `None` when none was found that could carry one, which is
+/// no fault of the robot.
+fn model_of_unused(spec: &RobotSpec) -> Result<Option<ArmModel>, UrdfError> {
+    let urdf = &spec.urdf.text;
+    let load = |mount: &str| match ArmModel::from_urdf(&spec.name, urdf, mount, &BTreeMap::new(), &AnyMesh) {
+        Ok((model, _)) => Ok(Some(model)),
+        Err(
+            UrdfError::NoSuchMountLink { .. }
+            | UrdfError::NoMovableJoint { .. }
+            | UrdfError::UnsupportedJoint { .. }
+            | UrdfError::NoLimit { .. },
+        ) => Ok(None),
+        Err(error) => Err(error),
+    };
+    // On no link at first: that tells whether the text can be read.
+    if let Some(model) = load("")? {
+        return Ok(Some(model));
+    }
+    for mount in urdf_names::mount_links(urdf).iter().take(MOST_MOUNTS) {
+        if let Some(model) = load(mount)? {
+            return Ok(Some(model));
+        }
+    }
+    Ok(None)
+}
+
+/// Has a small hull for every mesh, where meshes do not matter.
+struct AnyMesh;
+
+impl MeshResolver for AnyMesh {
+    fn hull(&self, _uri: &str, _scale: &Vec3) -> Result<Arc<ConvexHull>, MeshError> {
+        let corners = [Vec3::zeros(), Vec3::x(), Vec3::y(), Vec3::z()];
+        Ok(Arc::new(ConvexHull::new(&corners)?))
     }
 }
 

@@ -77,6 +77,24 @@ fn limits_of_the_arm_win_over_those_of_the_robot_over_the_urdf() {
 }
 
 #[test]
+fn limits_of_joints_beyond_the_hand_say_nothing() {
+    let mut document = small();
+    let limits = json!({ "grip": { "velocity": 0.1, "upper": 0.02 }, "swing": { "velocity": 0.5 } });
+    set(&mut document, "/workcell/robots/small/limits", limits);
+    let read = accepted(&document);
+    assert_eq!(read.problem.workcell.arms[0].limits[0].velocity, 0.5);
+    let warned: Vec<_> =
+        read.warnings.iter().filter(|warning| warning.code == FaultCode::UnknownJoint).collect();
+    assert_eq!(warned.len(), 1, "{}", lines(&read.warnings));
+    assert_eq!(warned[0].pointer, "/workcell/robots/small/limits/grip");
+    // What the robot does not have at all is a slip of the pen.
+    set(&mut document, "/workcell/robots/small/limits/gripp", json!({ "velocity": 0.1 }));
+    let faults = super::read(&document).unwrap_err();
+    assert_eq!(faults.len(), 1, "{}", lines(&faults));
+    assert!(has(&faults, "/workcell/robots/small/limits/gripp", FaultCode::UnknownJoint));
+}
+
+#[test]
 fn joints_beyond_the_hand_stand_where_home_puts_them() {
     let mut document = small();
     set(&mut document, "/workcell/arms/0/home", json!({ "grip": 0.07, "reach": 0.1 }));
@@ -208,25 +226,6 @@ fn carriers_are_exempt_and_other_obstacles_are_not() {
     assert!(has(&faults, "/initial/cube_1", FaultCode::InitialCollision), "{}", lines(&faults));
     set(&mut document, "/workcell/surfaces/0/on", json!("slab"));
     accepted(&document);
-}
-
-#[test]
-fn home_must_be_free_even_when_nobody_starts_there() {
-    let mut document = switch();
-    let block = json!({ "id": "block", "shape": { "type": "sphere", "radius": 0.05 }, "pose": {} });
-    set(&mut document, "/workcell/obstacles/4", block);
-    // Over the first arm's hand at home.
-    let arm = &accepted(&switch()).problem.workcell.arms[0];
-    let at = arm.tcp_pose(&arm.home).translation.vector;
-    set(
-        &mut document,
-        "/workcell/obstacles/4/pose",
-        json!({ "position": { "x": at.x, "y": at.y, "z": at.z } }),
-    );
-    set(&mut document, "/initial_joints", json!({ "arm_1": { "joint_1": 1.5 } }));
-    let faults = read(&document).unwrap_err();
-    assert_eq!(faults.len(), 1, "{}", lines(&faults));
-    assert!(has(&faults, "/workcell/arms/0/home", FaultCode::InitialCollision));
 }
 
 #[test]

@@ -2,8 +2,11 @@
 
 mod accepted;
 mod faults;
+mod goals;
+mod homes;
 mod mutations;
 mod paths;
+mod robots;
 
 use serde_json::{Value, json};
 
