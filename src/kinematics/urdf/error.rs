@@ -34,6 +34,16 @@ pub enum UrdfError {
         /// What was expected.
         expected: &'static str,
     },
+    /// More links or collision shapes than are taken.
+    #[error("the robot has {count} {what}, at most {most} are taken; give a simpler model of it")]
+    TooMany {
+        /// What there is too much of.
+        what: &'static str,
+        /// How many there are.
+        count: usize,
+        /// How many are taken.
+        most: usize,
+    },
     /// Two readers of the same text differ.
     #[error(
         "{place}: two readers do not agree on its {what}; write it in the plainest way that the URDF format has"

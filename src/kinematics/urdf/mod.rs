@@ -25,6 +25,33 @@ use tree::{LinkTree, closest_names, link_tree};
 /// How many joints a mimic joint may follow one through the other.
 const MAX_MIMIC_DEPTH: usize = 100;
 
+/// How large a robot may be.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct UrdfSize {
+    /// Links.
+    pub links: usize,
+    /// Collision shapes of all links together, as they stand in the text.
+    pub shapes: usize,
+}
+
+impl UrdfSize {
+    /// As large as the text is.
+    pub const ANY: Self = Self { links: usize::MAX, shapes: usize::MAX };
+
+    /// Whether `robot` is within it.
+    fn check(&self, robot: &RobotElement) -> Result<(), UrdfError> {
+        let shapes: usize = robot.links.iter().map(|link| link.collisions.len()).sum();
+        for (what, count, most) in
+            [("links", robot.links.len(), self.links), ("collision shapes", shapes, self.shapes)]
+        {
+            if count > most {
+                return Err(UrdfError::TooMany { what, count, most });
+            }
+        }
+        Ok(())
+    }
+}
+
 /// What moves a joint of the document.
 #[derive(Debug, Clone, Copy)]
 enum Drive {
@@ -51,7 +78,24 @@ impl ArmModel {
         held: &BTreeMap<String, f64>,
         meshes: &dyn MeshResolver,
     ) -> Result<(Self, Vec<UrdfWarning>), UrdfError> {
+        Self::from_urdf_within(name, urdf_xml, mount_link, held, meshes, UrdfSize::ANY)
+    }
+
+    /// Loads a URDF as [`ArmModel::from_urdf`] does, if the robot is no larger than `size`: that is
+    /// looked at before anything is built.
+    ///
+    /// # Errors
+    /// [`UrdfError`], of which [`UrdfError::TooMany`] says that it is larger.
+    pub fn from_urdf_within(
+        name: &str,
+        urdf_xml: &str,
+        mount_link: &str,
+        held: &BTreeMap<String, f64>,
+        meshes: &dyn MeshResolver,
+        size: UrdfSize,
+    ) -> Result<(Self, Vec<UrdfWarning>), UrdfError> {
         let robot = read_robot(urdf_xml)?;
+        size.check(&robot)?;
         let tree = link_tree(&robot)?;
         let mount = robot.links.iter().position(|link| link.name == mount_link).ok_or_else(|| {
             UrdfError::NoSuchMountLink {

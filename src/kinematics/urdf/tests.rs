@@ -155,6 +155,27 @@ fn faults_have_their_own_errors() {
 }
 
 #[test]
+fn what_is_too_large_is_not_built() {
+    let iiwa = library("iiwa14").unwrap();
+    let within = |links: usize, shapes: usize| {
+        let size = UrdfSize { links, shapes };
+        ArmModel::from_urdf_within("r", iiwa.urdf, "flange", &BTreeMap::new(), &NoMeshes, size)
+    };
+    let (links, shapes) = (9, iiwa.urdf.matches("<collision").count());
+    assert!(within(links, shapes).is_ok());
+    let fewer = UrdfError::TooMany { what: "links", count: links, most: links - 1 };
+    assert_eq!(within(links - 1, shapes).unwrap_err(), fewer);
+    let fewer = UrdfError::TooMany { what: "collision shapes", count: shapes, most: shapes - 1 };
+    assert_eq!(within(links, shapes - 1).unwrap_err(), fewer);
+    // Before all that takes the robot for whole: this one hangs together nowhere.
+    let islands: String = (0..300).map(|index| format!("<link name='l{index}'/>")).collect();
+    let islands = robot("revolute", LIMIT, &islands);
+    let size = UrdfSize { links: 256, shapes: 0 };
+    let found = ArmModel::from_urdf_within("r", &islands, "hand", &BTreeMap::new(), &NoMeshes, size);
+    assert!(matches!(found, Err(UrdfError::TooMany { what: "links", count: 302, most: 256 })));
+}
+
+#[test]
 fn two_readers_must_agree() {
     let arm = |version: &str, origin: &str, limit: &str| {
         format!(

@@ -12,7 +12,7 @@ use crate::kinematics::{ArmModel, Config, JointLimits};
 use crate::run::Seed;
 use crate::wire::fault::FaultCode;
 use crate::wire::reader::{Fields, Node, Range, shown};
-use crate::workcell::contacts::{self, GroupPair};
+use crate::workcell::contacts::{self, GroupPair, TooMuchWork};
 use crate::workcell::{Arm, Tool};
 
 /// A missing acceleration limit is this many times the velocity limit, per second.
@@ -22,9 +22,11 @@ const DEFAULT_ACCELERATION_FACTOR: f64 = 5.0;
 pub struct ArmReader<'s> {
     robots: &'s BTreeMap<String, Option<RobotSpec>>,
     models: ModelCache,
-    /// What is known of this document's robots alone, and of those of others.
+    /// What is known of this document's robots, and of those of others.
     own: KnownRobots,
     known: Option<&'s KnownRobots>,
+    /// What is left of the limits' `max_overlap_work`; `None` when it was not enough.
+    work_left: Option<u64>,
     warned: BTreeSet<String>,
     /// Joints on the chain of some arm of each robot.
     chains: BTreeMap<String, BTreeSet<String>>,
@@ -46,6 +48,7 @@ pub fn read_arms(
         own: KnownRobots::new(),
         known: context.resources.known_robots(),
         models: ModelCache::default(),
+        work_left: Some(context.limits.max_overlap_work),
         warned: BTreeSet::new(),
         chains: BTreeMap::new(),
     };
@@ -92,7 +95,7 @@ impl ArmReader<'_> {
         let limits = self.limits(node, robot, &loaded.model, &overrides, context)?;
         let home = configuration(&loaded.model, &limits, None, &home, &home_pointer, false, context)?;
         let tool = tool?;
-        let exempt_groups = self.exempt(&loaded, &tool, &limits, robot, context);
+        let exempt_groups = self.exempt(&loaded, &tool, &limits, robot, context)?;
         Some(Arm {
             id: id?,
             hand_groups: contacts::hand_groups(&loaded.model),
@@ -182,6 +185,7 @@ impl ArmReader<'_> {
         }
     }
 
+    /// The pairs of rigid groups that may touch for good; `None` when that takes too much work to find out.
     fn exempt(
         &mut self,
         loaded: &LoadedModel,
@@ -189,7 +193,7 @@ impl ArmReader<'_> {
         limits: &[JointLimits],
         robot: &RobotSpec,
         context: &mut Context<'_>,
-    ) -> Vec<GroupPair> {
+    ) -> Option<Vec<GroupPair>> {
         let model = &loaded.model;
         let mut pairs: BTreeSet<GroupPair> = contacts::neighbours(model).into_iter().collect();
         pairs.extend(loaded.disabled.iter().copied());
@@ -199,11 +203,7 @@ impl ArmReader<'_> {
             limits: limits.to_vec(),
             exempt: pairs.iter().copied().collect(),
         };
-        let known = self.known.filter(|known| known.keeps(model)).unwrap_or(&self.own);
-        let found = known.overlapping(key, || {
-            let mut rng = Seed(0).stream("workcell/contacts");
-            contacts::almost_always_overlapping(model, &tool.shapes, limits, &pairs, &mut rng)
-        });
+        let found = self.overlapping(key, tool, robot, context)?;
         for (a, b) in &found {
             let message = format!(
                 "{} and {} overlap in more than 95 % of 1,000 random configurations and are not checked \
@@ -216,7 +216,46 @@ impl ArmReader<'_> {
             }
         }
         pairs.extend(found);
-        pairs.into_iter().collect()
+        Some(pairs.into_iter().collect())
+    }
+
+    /// The pairs that overlap almost always; `None`, with a fault at the first, when the document's robots
+    /// take more work than they may. An answer counts once, and with its work whoever found it.
+    fn overlapping(
+        &mut self,
+        key: OverlapKey,
+        tool: &Tool,
+        robot: &RobotSpec,
+        context: &mut Context<'_>,
+    ) -> Option<Vec<GroupPair>> {
+        let left = self.work_left?;
+        let most = context.limits.max_overlap_work;
+        let known = self.known.filter(|known| known.keeps(&key.model));
+        let mut is_new = false;
+        let answer = self.own.overlapping(key.clone(), || {
+            is_new = true;
+            let find = || {
+                let exempt = key.exempt.iter().copied().collect();
+                let mut rng = Seed(0).stream("workcell/contacts");
+                let (model, limits) = (&key.model, &key.limits);
+                contacts::almost_always_overlapping(model, &tool.shapes, limits, &exempt, most, &mut rng)
+            };
+            match known {
+                Some(known) => known.overlapping(key.clone(), find),
+                None => find(),
+            }
+        });
+        if is_new {
+            self.work_left = answer.as_ref().ok().and_then(|found| left.checked_sub(found.work));
+        }
+        if self.work_left.is_none() {
+            let message = format!(
+                "{TooMuchWork}; disable pairs of links that touch by design in an SRDF, or give fewer and \
+                 simpler collision shapes"
+            );
+            context.faults.push(robot.pointer(), FaultCode::TooLarge, message);
+        }
+        answer.ok().map(|found| found.pairs).filter(|_| self.work_left.is_some())
     }
 }
 

@@ -74,6 +74,18 @@ impl RobotSpec {
     pub fn pointer(&self) -> String {
         self.urdf.pointer.clone()
     }
+
+    /// Makes a model of it.
+    fn load(
+        &self,
+        mount: &str,
+        held: &BTreeMap<String, f64>,
+        meshes: &UrdfMeshes<'_>,
+        context: &Context<'_>,
+    ) -> Result<(ArmModel, Vec<UrdfWarning>), UrdfError> {
+        let size = context.limits.robot_size();
+        ArmModel::from_urdf_within(&self.name, &self.urdf.text, mount, held, meshes, size)
+    }
 }
 
 /// An arm model and what its SRDF exempts.
@@ -296,8 +308,7 @@ impl ModelCache {
 
     fn note_again(&mut self, spec: &RobotSpec, mount: &str, mount_pointer: &str, context: &mut Context<'_>) {
         let meshes = UrdfMeshes::new(Rc::clone(&context.meshes), spec);
-        let result = ArmModel::from_urdf(&spec.name, &spec.urdf.text, mount, &BTreeMap::new(), &meshes);
-        if let Err(error) = result {
+        if let Err(error) = spec.load(mount, &BTreeMap::new(), &meshes, context) {
             self.note(&error, spec, mount_pointer, &BTreeMap::new(), context);
         }
     }
@@ -323,7 +334,7 @@ impl ModelCache {
             if let Some(model) = known.as_ref().and_then(|(robots, key)| robots.model(key)) {
                 break model;
             }
-            match ArmModel::from_urdf(&spec.name, &spec.urdf.text, mount, &held, &meshes) {
+            match spec.load(mount, &held, &meshes, context) {
                 Ok((model, warnings)) => {
                     let loaded = (Arc::new(model), warnings);
                     break match known.filter(|_| meshes.is_untouched()) {
@@ -410,7 +421,7 @@ impl ModelCache {
             UrdfError::Mesh { error, .. } => {
                 self.note_once(&spec.urdf.pointer, code_of(error), &message, context);
             }
-            UrdfError::Xml(XmlError::TooLarge { .. }) => {
+            UrdfError::Xml(XmlError::TooLarge { .. }) | UrdfError::TooMany { .. } => {
                 self.note_once(&spec.urdf.pointer, FaultCode::TooLarge, &message, context);
             }
             _ => self.note_once(&spec.urdf.pointer, FaultCode::BadUrdf, &message, context),

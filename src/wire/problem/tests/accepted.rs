@@ -175,6 +175,7 @@ fn allowed_contacts_of_objects_and_arms() {
         ["arm_1/@tool", "cube_2"],
         ["arm_1/link_1", "arm_2/link_1"],
         ["arm_1/link_0", "arm_1/link_4"],
+        ["arm_1/link_4", "arm_1/link_0"],
         ["table_a", "table_b"]
     ]);
     set(&mut document, "/workcell/allowed_contacts", pairs);
