@@ -36,15 +36,18 @@ pub fn neighbours(model: &ArmModel) -> Vec<GroupPair> {
     pairs.into_iter().collect()
 }
 
-/// The rigid groups that make the hand: the mount link's group and all groups below the mount
-/// link, sorted.
+/// The rigid groups that make the hand: the mount link's group and all groups below any link of it,
+/// sorted. The mount link may be a bare frame beside the fingers, on the link that carries both.
 pub fn hand_groups(model: &ArmModel) -> Vec<usize> {
     let Some(mount) = model.links.get(model.mount) else { return Vec::new() };
+    // All that moves hangs on the root's group: a tool there has below it what its own link carries.
+    let is_root = model.links.first().is_some_and(|root| root.group == mount.group);
     let mut below = vec![false; model.links.len()];
     let mut groups = BTreeSet::from([mount.group]);
     // Parents stand before their children.
     for (index, link) in model.links.iter().enumerate() {
-        below[index] = index == model.mount || link.parent.is_some_and(|parent| below[parent]);
+        let is_mount = index == model.mount || (!is_root && link.group == mount.group);
+        below[index] = is_mount || link.parent.is_some_and(|parent| below[parent]);
         if below[index] {
             groups.insert(link.group);
         }
@@ -239,7 +242,7 @@ pub fn almost_always_overlapping(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::kinematics::{NoMeshes, library};
+    use crate::kinematics::{Link, LinkMotion, NoMeshes, library};
     use crate::run::Seed;
 
     const FINGERS: &str = r#"<robot name="r">
@@ -285,6 +288,55 @@ mod tests {
         let mut hand = vec![wrist, finger];
         hand.sort_unstable();
         assert_eq!(hand_groups(&model), hand);
+    }
+
+    /// The usual hand: the tool's frame is a link of its own, beside the fingers.
+    const BESIDE: &str = r#"<robot name="r"><link name="base"/><link name="upper"/><link name="camera"/>
+        <link name="hand"/><link name="left"/><link name="tip"/><link name="right"/><link name="hand_tcp"/>
+        <joint name="a" type="revolute"><parent link="base"/><child link="upper"/><axis xyz="0 0 1"/>
+            <limit lower="-1" upper="1" velocity="1" effort="1"/></joint>
+        <joint name="s" type="revolute"><parent link="upper"/><child link="camera"/><axis xyz="0 0 1"/>
+            <limit lower="-1" upper="1" velocity="1" effort="1"/></joint>
+        <joint name="b" type="revolute"><parent link="upper"/><child link="hand"/><axis xyz="1 0 0"/>
+            <limit lower="-1" upper="1" velocity="1" effort="1"/></joint>
+        <joint name="l" type="prismatic"><parent link="hand"/><child link="left"/><axis xyz="0 1 0"/>
+            <limit lower="0" upper="0.1" velocity="1" effort="1"/></joint>
+        <joint name="t" type="revolute"><parent link="left"/><child link="tip"/><axis xyz="1 0 0"/>
+            <limit lower="0" upper="0.1" velocity="1" effort="1"/></joint>
+        <joint name="r" type="prismatic"><parent link="hand"/><child link="right"/><axis xyz="0 -1 0"/>
+            <mimic joint="l"/><limit lower="0" upper="0.1" velocity="1" effort="1"/></joint>
+        <joint name="tcp" type="fixed"><parent link="hand"/><child link="hand_tcp"/><origin xyz="0 0 0.1"/></joint>
+        </robot>"#;
+
+    #[test]
+    fn fingers_beside_the_mount_link_belong_to_the_hand() {
+        for mount in ["hand_tcp", "hand"] {
+            let model = load(BESIDE, mount);
+            let mut hand = ["hand", "left", "tip", "right"].map(|link| group(&model, link));
+            hand.sort_unstable();
+            assert_eq!(group(&model, "hand_tcp"), group(&model, "hand"));
+            assert_eq!(hand_groups(&model), hand, "{mount}");
+            // The joints before the hand alone are the arm's: a finger's is held.
+            let names: Vec<&str> = model.joints.iter().map(|joint| joint.name.as_str()).collect();
+            assert_eq!(names, ["a", "b"]);
+        }
+        // On a finger, the other one is no part of the hand.
+        let model = load(BESIDE, "left");
+        let mut hand = ["left", "tip"].map(|link| group(&model, link));
+        hand.sort_unstable();
+        assert_eq!(hand_groups(&model), hand);
+        // A bracket on the base does not make a hand of the arm that stands there, too.
+        let mut model = load(BESIDE, "hand");
+        model.links.push(Link {
+            name: "bracket".to_owned(),
+            parent: Some(0),
+            origin: Pose::identity(),
+            motion: LinkMotion::Held,
+            group: 0,
+            shapes: Vec::new(),
+        });
+        model.mount = model.links.len() - 1;
+        assert_eq!(hand_groups(&model), [0]);
     }
 
     #[test]

@@ -92,6 +92,27 @@ fn joints_beyond_the_hand_stand_where_home_puts_them() {
 }
 
 #[test]
+fn what_is_held_may_touch_fingers_beside_the_mount_link() {
+    // The tool's frame is a link of its own, and the finger around the ball hangs on the one before.
+    let finger = "<link name=\"finger\"><collision><geometry><box size=\"0.1 0.02 0.1\"/></geometry></collision></link>\
+                  <link name=\"tcp\"/>";
+    let fixed =
+        "<joint name=\"frame\" type=\"fixed\"><parent link=\"wrist\"/><child link=\"tcp\"/></joint></robot>";
+    let urdf = SMALL_URDF.replace("<link name=\"finger\"/>", finger).replace("</robot>", fixed);
+    let mut document = small();
+    set(&mut document, "/workcell/robots/small/urdf_xml", json!(urdf));
+    set(&mut document, "/workcell/arms/0/home", json!({ "reach": 0.3 }));
+    set(&mut document, "/initial/ball", json!({ "held_by": "a", "object_in_tcp": {} }));
+    let mut hands = Vec::new();
+    for mount in ["wrist", "tcp"] {
+        set(&mut document, "/workcell/arms/0/tool/mount_link", json!(mount));
+        hands.push(accepted(&document).problem.workcell.arms[0].hand_groups.clone());
+    }
+    assert_eq!(hands[0].len(), 2);
+    assert_eq!(hands[0], hands[1]);
+}
+
+#[test]
 fn held_starts_and_surface_goals() {
     let mut document = switch();
     set(&mut document, "/initial/cube_1", json!({ "held_by": "arm_1", "object_in_tcp": {} }));
