@@ -1,6 +1,7 @@
 //! What can be wrong with a URDF.
 
 use super::mesh::MeshError;
+use crate::kinematics::JointLimits;
 use crate::kinematics::xml::XmlError;
 
 /// Why a URDF did not become an arm.
@@ -233,6 +234,22 @@ pub enum LimitFault {
         /// The value.
         value: f64,
     },
+}
+
+impl LimitFault {
+    /// What is wrong with `limits` that a URDF gives; a velocity or acceleration of 0 is none there.
+    pub(super) fn of(limits: &JointLimits) -> Option<Self> {
+        if limits.lower > limits.upper {
+            return Some(Self::Crossed { lower: limits.lower, upper: limits.upper });
+        }
+        Self::negative(limits)
+    }
+
+    /// The first of velocity and acceleration that is negative.
+    pub fn negative(limits: &JointLimits) -> Option<Self> {
+        let value = [limits.velocity, limits.acceleration].into_iter().find(|value| *value < 0.0)?;
+        Some(Self::Negative { value })
+    }
 }
 
 /// Something that loading decided by itself and the user should know.

@@ -155,6 +155,32 @@ fn faults_have_their_own_errors() {
 }
 
 #[test]
+fn limits_of_the_chain_may_be_left_to_others() {
+    let open = |limit: &str| {
+        let text = GRIPPER.replace("<limit lower=\"-1\" upper=\"1\" velocity=\"1\"/>", limit);
+        assert_ne!(text, GRIPPER);
+        let strict = load(&text, "hand").map(|_| ());
+        let size = UrdfSize::ANY;
+        let loaded = ArmModel::from_urdf_within("r", &text, "hand", &BTreeMap::new(), &NoMeshes, size);
+        (strict, loaded.unwrap().0.joints.swap_remove(0))
+    };
+    let (strict, joint) = open("");
+    assert_eq!(strict, Err(UrdfError::NoLimit { joint: "turn".to_owned() }));
+    assert_eq!(joint.limit_fault, strict.err());
+    assert_eq!((joint.limits.lower, joint.limits.upper), (f64::NEG_INFINITY, f64::INFINITY));
+    let (strict, joint) = open("<limit lower=\"2\" upper=\"1\" velocity=\"-3\"/>");
+    let fault = LimitFault::Crossed { lower: 2.0, upper: 1.0 };
+    assert_eq!(strict, Err(UrdfError::BadLimit { joint: "turn".to_owned(), fault }));
+    assert_eq!(joint.limit_fault, strict.err());
+    assert_eq!((joint.limits.lower, joint.limits.upper, joint.limits.velocity), (2.0, 1.0, -3.0));
+    // A finger's limits are nobody else's business.
+    let finger = GRIPPER.replace("upper=\"0.04\"", "upper=\"-0.04\"");
+    let size = UrdfSize::ANY;
+    let found = ArmModel::from_urdf_within("r", &finger, "hand", &BTreeMap::new(), &NoMeshes, size);
+    assert!(matches!(found, Err(UrdfError::BadLimit { joint, .. }) if joint == "f2"));
+}
+
+#[test]
 fn what_is_too_large_is_not_built() {
     let iiwa = library("iiwa14").unwrap();
     let within = |links: usize, shapes: usize| {

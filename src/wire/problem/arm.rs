@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use super::context::{Context, Named};
 use super::known_robots::{KnownRobots, OverlapKey};
-use super::robot::{LoadedModel, ModelCache, RobotSpec, read_joint_values, read_limits};
+use super::robot::{LimitOverride, LoadedModel, ModelCache, RobotSpec, read_joint_values, read_limits};
 use super::shape::{read_shape, shape_bits};
 use super::statics::optional_pose;
 use crate::kinematics::{ArmModel, Config, JointLimits};
@@ -113,7 +113,7 @@ impl ArmReader<'_> {
         node: &Node<'_>,
         robot: &RobotSpec,
         model: &ArmModel,
-        overrides: &BTreeMap<String, (super::robot::LimitOverride, String)>,
+        overrides: &BTreeMap<String, (LimitOverride, String)>,
         context: &mut Context<'_>,
     ) -> Option<Vec<JointLimits>> {
         let before = context.faults.count();
@@ -125,16 +125,24 @@ impl ArmReader<'_> {
                 context.faults.push(pointer.clone(), FaultCode::UnknownJoint, unknown_joint(joint, model));
             }
         }
-        let mut assumed = Vec::new();
+        let (mut is_whole, mut assumed) = (true, Vec::new());
         let mut out = Vec::with_capacity(model.joints.len());
         for joint in &model.joints {
-            let mut limits = joint.limits;
+            let mut given = LimitOverride::default();
             let mut pointer = node.pointer.as_str();
             for (limit, place) in
                 [robot.limits.get(&joint.name), overrides.get(&joint.name)].into_iter().flatten()
             {
-                limit.apply(&mut limits);
+                given.overrule_with(limit);
                 pointer = place;
+            }
+            let mut limits = joint.limits;
+            given.apply(&mut limits);
+            if let Some(fault) = given.left_open(joint, &limits) {
+                let message = fault.to_string();
+                self.models.note_once(&robot.pointer(), FaultCode::BadUrdf, &message, context);
+                is_whole = false;
+                continue;
             }
             let name = &joint.name;
             if limits.lower > limits.upper {
@@ -164,7 +172,7 @@ impl ArmReader<'_> {
             );
             context.faults.warn(node.pointer.clone(), FaultCode::MissingField, message);
         }
-        (context.faults.count() == before).then_some(out)
+        (is_whole && context.faults.count() == before).then_some(out)
     }
 
     /// Notes the robots' overrides for joints that no arm of the robot has on its chain.

@@ -10,8 +10,8 @@ use super::known_robots::RobotKey;
 use super::meshes::{Meshes, code_of};
 use crate::geometry::{ConvexHull, Vec3};
 use crate::kinematics::{
-    ArmModel, JointLimits, MeshError, MeshResolver, SrdfError, UrdfError, UrdfWarning, XmlError,
-    disabled_group_pairs, library, library_names,
+    ArmModel, Joint, JointLimits, LimitFault, MeshError, MeshResolver, SrdfError, UrdfError, UrdfWarning,
+    XmlError, disabled_group_pairs, library, library_names,
 };
 use crate::wire::digest::sha256;
 use crate::wire::fault::FaultCode;
@@ -35,6 +35,33 @@ pub struct LimitOverride {
 }
 
 impl LimitOverride {
+    /// Takes over what `other` says.
+    pub fn overrule_with(&mut self, other: &Self) {
+        self.lower = other.lower.or(self.lower);
+        self.upper = other.upper.or(self.upper);
+        self.velocity = other.velocity.or(self.velocity);
+        self.acceleration = other.acceleration.or(self.acceleration);
+    }
+
+    /// What is wrong with the limits of `joint` in its URDF and not mended by what this says; `limits`
+    /// are what comes of both.
+    pub fn left_open(&self, joint: &Joint, limits: &JointLimits) -> Option<UrdfError> {
+        let fault = joint.limit_fault.as_ref()?;
+        let mended = match fault {
+            UrdfError::NoLimit { .. } => {
+                self.lower.is_some() && self.upper.is_some() && self.velocity.is_some()
+            }
+            UrdfError::BadLimit { fault: LimitFault::Crossed { .. }, .. } => {
+                (self.lower.is_some() || self.upper.is_some()) && limits.lower <= limits.upper
+            }
+            _ => true,
+        };
+        if !mended {
+            return Some(fault.clone());
+        }
+        LimitFault::negative(limits).map(|fault| UrdfError::BadLimit { joint: shown(&joint.name), fault })
+    }
+
     /// Replaces what it says.
     pub fn apply(&self, limits: &mut JointLimits) {
         limits.lower = self.lower.unwrap_or(limits.lower);
@@ -388,7 +415,7 @@ impl ModelCache {
     }
 
     /// Notes a fault of a robot once, however many arms it has.
-    fn note_once(&mut self, pointer: &str, code: FaultCode, message: &str, context: &mut Context<'_>) {
+    pub fn note_once(&mut self, pointer: &str, code: FaultCode, message: &str, context: &mut Context<'_>) {
         if self.noted.insert((pointer.to_owned(), message.to_owned())) {
             context.faults.push(pointer, code, message);
         }

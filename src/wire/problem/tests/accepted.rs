@@ -77,6 +77,32 @@ fn limits_of_the_arm_win_over_those_of_the_robot_over_the_urdf() {
 }
 
 #[test]
+fn limits_that_the_urdf_lacks_may_come_from_elsewhere() {
+    let limit = "<limit lower=\"-2\" upper=\"2\" velocity=\"1.5\" effort=\"1\"/>";
+    assert!(SMALL_URDF.contains(limit));
+    let swing = |instead: &str, robot: Value, arm: Value| {
+        let mut document = small();
+        set(&mut document, "/workcell/robots/small/urdf_xml", json!(SMALL_URDF.replace(limit, instead)));
+        set(&mut document, "/workcell/robots/small/limits", json!({ "swing": robot }));
+        set(&mut document, "/workcell/arms/0/limits", json!({ "swing": arm }));
+        let limits = accepted(&document).problem.workcell.arms[0].limits[0];
+        (limits.lower, limits.upper, limits.velocity, limits.acceleration)
+    };
+    let (ends, speed) = (json!({ "lower": -1.0, "upper": 2.5 }), json!({ "velocity": 0.5 }));
+    assert_eq!(swing("", ends.clone(), speed.clone()), (-1.0, 2.5, 0.5, 2.5));
+    assert_eq!(swing("", speed.clone(), ends), (-1.0, 2.5, 0.5, 2.5));
+    // What the URDF does say stays.
+    let crossed = "<limit lower=\"2\" upper=\"1\" velocity=\"1.5\"/>";
+    assert_eq!(swing(crossed, json!({ "lower": -1.0 }), json!({})), (-1.0, 1.0, 1.5, 7.5));
+    assert_eq!(
+        swing(crossed, json!({ "lower": 3.0 }), json!({ "upper": 4.0, "lower": -4.0 })),
+        (-4.0, 4.0, 1.5, 7.5)
+    );
+    let negative = "<limit lower=\"-2\" upper=\"2\" velocity=\"-1.5\" acceleration=\"-1\"/>";
+    assert_eq!(swing(negative, speed, json!({ "acceleration": 3.0 })), (-2.0, 2.0, 0.5, 3.0));
+}
+
+#[test]
 fn joints_beyond_the_hand_stand_where_home_puts_them() {
     let mut document = small();
     set(&mut document, "/workcell/arms/0/home", json!({ "grip": 0.07, "reach": 0.1 }));

@@ -387,6 +387,44 @@ fn what_is_too_large_is_told_once() {
 }
 
 #[test]
+fn limits_that_nobody_mends_are_faults_of_the_urdf() {
+    let limit = "<limit lower=\"-2\" upper=\"2\" velocity=\"1.5\" effort=\"1\"/>";
+    let crossed = "<limit lower=\"2\" upper=\"1\" velocity=\"-1\"/>";
+    let negative = "<limit lower=\"-2\" upper=\"2\" velocity=\"1.5\" acceleration=\"-1\"/>";
+    let crossed_message = "joint \"swing\": the lower limit 2 is above the upper limit 1";
+    let negative_message = "joint \"swing\": the limit -1 of velocity or acceleration is negative";
+    for (instead, given, message) in [
+        ("", json!({}), "joint \"swing\" has no <limit>"),
+        ("", json!({ "lower": -1.0, "velocity": 1.0 }), "joint \"swing\" has no <limit>"),
+        ("", json!({ "lower": -1.0, "upper": 1.0, "acceleration": 1.0 }), "joint \"swing\" has no <limit>"),
+        (crossed, json!({}), crossed_message),
+        (crossed, json!({ "velocity": 1.0 }), crossed_message),
+        (crossed, json!({ "upper": 1.5, "velocity": 1.0 }), crossed_message),
+        // The next fault stands behind the first.
+        (crossed, json!({ "upper": 3.0 }), negative_message),
+        (negative, json!({ "velocity": 1.0 }), negative_message),
+    ] {
+        let mut document = small();
+        let robot = "/workcell/robots/small";
+        set(&mut document, &format!("{robot}/urdf_xml"), json!(SMALL_URDF.replace(limit, instead)));
+        set(&mut document, &format!("{robot}/limits"), json!({ "swing": given }));
+        let mut second = document["workcell"]["arms"][0].clone();
+        second["id"] = json!("b");
+        set(&mut document, "/workcell/arms/1", second);
+        let faults = read(&document).unwrap_err();
+        assert_eq!(faults.len(), 1, "{}", lines(&faults));
+        assert!(has(&faults, &format!("{robot}/urdf_xml"), FaultCode::BadUrdf), "{}", lines(&faults));
+        assert_eq!(faults[0].message, message);
+    }
+    // Limits of a finger are not replaced.
+    let mut document = small();
+    let urdf = SMALL_URDF.replace("upper=\"0.1\"", "upper=\"-0.1\"");
+    set(&mut document, "/workcell/robots/small/urdf_xml", json!(urdf));
+    let faults = read(&document).unwrap_err();
+    assert!(has(&faults, "/workcell/robots/small/urdf_xml", FaultCode::BadUrdf), "{}", lines(&faults));
+}
+
+#[test]
 fn robots_are_bounded_in_links_and_shapes() {
     let limits = ReadLimits { max_links: 4, max_link_shapes: 2, ..ReadLimits::default() };
     read_problem_value(&small(), &LibraryOnly, &limits).unwrap();
