@@ -197,6 +197,35 @@ fn classes_follow_shape_and_grasps() {
 }
 
 #[test]
+fn any_shape_about_its_origin_may_count_as_its_box() {
+    let mut document = switch();
+    // A wedge in a box of 6 by 6 by 8 cm.
+    let corners = [[-1, -1, -1], [1, -1, -1], [-1, 1, -1], [1, 1, -1], [-1, -1, 1], [-1, 1, 1]];
+    let point = |[x, y, z]: [i32; 3]| json!({ "x": 0.03 * f64::from(x), "y": 0.03 * f64::from(y), "z": 0.04 * f64::from(z) });
+    let wedge = json!({ "type": "convex", "points": corners.map(point) });
+    for (shape, count) in [
+        (wedge, 8),
+        (json!({ "type": "cylinder", "radius": 0.03, "length": 0.08 }), 8),
+        (json!({ "type": "sphere", "radius": 0.03 }), 24),
+        (json!({ "type": "box", "size": { "x": 0.04, "y": 0.06, "z": 0.08 } }), 4),
+    ] {
+        let mut document = document.clone();
+        set(&mut document, "/objects/0/shape", shape);
+        remove(&mut document, "/objects/0/grasps");
+        set(&mut document, "/objects/0/symmetry", json!("box"));
+        set(&mut document, "/initial/cube_1", json!({ "held_by": "arm_1", "object_in_tcp": {} }));
+        remove(&mut document, "/goal/cube_1");
+        let object = &accepted(&document).problem.objects[0];
+        assert_eq!((object.symmetry, object.symmetry_rotations.len()), (Symmetry::Box, count));
+        assert_eq!(object.only_counts_as_box(), count != 4);
+    }
+    set(&mut document, "/objects/0/symmetry", json!("box"));
+    let object = &accepted(&document).problem.objects[0];
+    assert_eq!(object.symmetry_rotations.len(), 24);
+    assert!(!object.only_counts_as_box());
+}
+
+#[test]
 fn grasps_are_made_for_the_widest_gripper_and_say_what_they_need() {
     let mut document = switch();
     set(&mut document, "/workcell/arms/0/tool/max_opening", json!(0.05));

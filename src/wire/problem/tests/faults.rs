@@ -387,6 +387,21 @@ fn what_is_too_large_is_told_once() {
 }
 
 #[test]
+fn a_box_symmetry_needs_a_box_about_the_origin() {
+    let mut document = small();
+    let corners = [[0.0, 0.0, 0.0], [0.06, 0.0, 0.0], [0.0, 0.06, 0.0], [0.0, 0.0, 0.06]];
+    let points = corners.map(|[x, y, z]| json!({ "x": x, "y": y, "z": z }));
+    set(&mut document, "/objects/0/shape", json!({ "type": "convex", "points": points }));
+    set(&mut document, "/initial/ball", pose(0.0, 0.8, 0.1));
+    assert!(read(&document).is_ok());
+    set(&mut document, "/objects/0/symmetry", json!("box"));
+    let faults = read(&document).unwrap_err();
+    assert_eq!(faults.len(), 1, "{}", lines(&faults));
+    assert!(has(&faults, "/objects/0/symmetry", FaultCode::OutOfRange));
+    assert!(faults[0].message.contains("(0.030000, 0.030000, 0.030000)"), "{}", faults[0].message);
+}
+
+#[test]
 fn limits_that_nobody_mends_are_faults_of_the_urdf() {
     let limit = "<limit lower=\"-2\" upper=\"2\" velocity=\"1.5\" effort=\"1\"/>";
     let crossed = "<limit lower=\"2\" upper=\"1\" velocity=\"-1\"/>";
