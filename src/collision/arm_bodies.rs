@@ -117,7 +117,9 @@ impl ArmBodies {
 pub(super) fn link_reach(arm: &Arm, link: usize, radius: f64, links: &[Pose], centre: &Vec3) -> f64 {
     let model = &arm.model;
     match model.lever(&arm.limits, 0, link) {
-        Some(_) => model.origin_distance(0, link).unwrap_or(f64::INFINITY) + slide_extent(arm) + radius,
+        Some(_) => {
+            model.origin_distance(&arm.limits, 0, link).unwrap_or(f64::INFINITY) + slide_extent(arm) + radius
+        }
         // The first joint does not move it: either nothing does, or a joint of another branch.
         None if (0..model.dof()).all(|joint| model.lever(&arm.limits, joint, link).is_none()) => {
             (links[link].translation.vector - centre).norm() + radius

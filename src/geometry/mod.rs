@@ -8,6 +8,6 @@ pub mod lanes;
 mod pose;
 mod shape;
 
-pub use distance::ExactShape;
+pub use distance::{ExactShape, Overlap};
 pub use pose::{Pose, Vec3, pose_from_parts};
 pub use shape::{ConvexHull, PlacedShape, Shape, ShapeError};

@@ -41,7 +41,7 @@ pub enum Shape {
 #[derive(Debug)]
 pub struct ConvexHull {
     vertices: Vec<Vec3>,
-    polyhedron: ConvexPolyhedron,
+    polyhedron: Arc<ConvexPolyhedron>,
 }
 
 /// Why a shape could not be made.
@@ -71,7 +71,7 @@ impl ConvexHull {
         let parry: Vec<parry3d_f64::math::Vector> = points.iter().map(|p| (*p).into()).collect();
         let polyhedron = ConvexPolyhedron::from_convex_hull(&parry).ok_or(ShapeError::FlatHull)?;
         let vertices = polyhedron.points().iter().map(|p| Vec3::new(p.x, p.y, p.z)).collect();
-        Ok(Self { vertices, polyhedron })
+        Ok(Self { vertices, polyhedron: Arc::new(polyhedron) })
     }
 
     /// The hull's corner points in the shape's frame (m).
@@ -137,7 +137,9 @@ impl Shape {
             Shape::Sphere { radius } => SharedShape::ball(*radius),
             Shape::Cylinder { radius, half_length } => SharedShape::cylinder(*half_length, *radius),
             Shape::Capsule { radius, half_length } => SharedShape::capsule_z(*half_length, *radius),
-            Shape::Convex(hull) => SharedShape(Arc::new(hull.polyhedron.clone())),
+            Shape::Convex(hull) => {
+                SharedShape(Arc::clone(&hull.polyhedron) as Arc<dyn parry3d_f64::shape::Shape>)
+            }
         }
     }
 }

@@ -62,13 +62,12 @@ impl ArmModel {
         lever
     }
 
-    /// An upper bound (m), over all configurations within the model's own limits, on the distance
+    /// An upper bound (m), over all configurations within `limits` (one per joint), on the distance
     /// between the origins of the frame of `joint` and of `link`. `None` when the joint does not
     /// move the link.
     ///
     /// To bound motions take [`ArmModel::lever`], which is tighter and knows mimic joints.
-    pub fn origin_distance(&self, joint: usize, link: usize) -> Option<f64> {
-        let limits: Vec<JointLimits> = self.joints.iter().map(|joint| joint.limits).collect();
+    pub fn origin_distance(&self, limits: &[JointLimits], joint: usize, link: usize) -> Option<f64> {
         let chain = Chain::new(&self.links, link, self.dof());
         let moved = self.joints.get(joint)?.link;
         let steps_before = Chain::new(&self.links, moved, self.dof()).steps.len();
@@ -78,11 +77,11 @@ impl ArmModel {
             StepKind::Turn => 0.0,
             // From the joint frame itself, not from where the slide carries it.
             StepKind::Slide => {
-                let (middle, half) = slide_range(step, &limits);
+                let (middle, half) = slide_range(step, limits);
                 middle.abs() + half
             }
         };
-        let (_, length) = shortest_string(&turning(&chain.steps[index..]), &chain.tail, &limits, false);
+        let (_, length) = shortest_string(&turning(&chain.steps[index..]), &chain.tail, limits, false);
         Some(own + length)
     }
 
@@ -306,7 +305,7 @@ mod tests {
                     let parent = model.links[moved].parent.map_or(Pose::identity(), |at| poses[at]);
                     let frame = parent * model.links[moved].origin;
                     for (link, pose) in poses.iter().enumerate() {
-                        let Some(bound) = model.origin_distance(joint, link) else {
+                        let Some(bound) = model.origin_distance(&limits(&model), joint, link) else {
                             prop_assert!(model.lever(&limits(&model), joint, link).is_none());
                             continue;
                         };

@@ -3,6 +3,7 @@
 use nalgebra::{Translation3, Unit, UnitQuaternion};
 use smallvec::SmallVec;
 
+use super::UrdfError;
 use super::chain::Chain;
 use super::inverse::Solver;
 use crate::geometry::{PlacedShape, Pose, Vec3};
@@ -32,6 +33,9 @@ pub struct Joint {
     pub link: usize,
     /// Limits from the URDF; velocity or acceleration is 0 where the URDF gives none.
     pub limits: JointLimits,
+    /// What is wrong with these limits, which are then to be replaced before the arm is used; `None` for
+    /// all joints of a model that [`ArmModel::from_urdf`] gives.
+    pub limit_fault: Option<UrdfError>,
 }
 
 /// How a link moves against its parent.

@@ -16,7 +16,7 @@ use super::handoffs::{Handover, Meetings, handoffs};
 use super::holds::RestHolds;
 use super::proof::Proof;
 use super::reach::Reach;
-use super::slots::{Slots, symmetric_poses};
+use super::slots::{Slots, resting_poses};
 use super::survey::{Group, SlotReach, Surveyor};
 use super::witness::Witness;
 
@@ -381,9 +381,10 @@ pub(super) fn mode_object(
         InitialPlacement::Resting { .. } => node_of(slots.start[index])?,
     };
     let (goal, goal_poses) = match &problem.goal[index] {
-        GoalPlacement::Pose { pose, .. } => {
+        GoalPlacement::Pose { pose, surface } => {
             let node = node_of(slots.goal[index]);
-            (ModeGoal::Nodes(node.into_iter().collect()), symmetric_poses(object, pose))
+            let poses = resting_poses(object, pose, &problem.workcell.surfaces[surface.0]);
+            (ModeGoal::Nodes(node.into_iter().collect()), poses)
         }
         GoalPlacement::Surface(surface) => {
             let takes = |&node: &usize| match &nodes[node].place {

@@ -11,7 +11,7 @@ use super::graph::{BarredCarry, BlockedPart, Slot};
 use super::handoffs::{Finder, Handover};
 use super::holds::{ArmHolds, RestHolds, is_close};
 use super::reach::{Hold, RestAction, RestContact};
-use super::slots::{Slots, symmetric_poses};
+use super::slots::{Slots, resting_poses};
 use super::survey::{SlotReach, Surveyor};
 
 /// How far (m) beyond their bounding spheres objects may be in the way of each other's grasps.
@@ -180,7 +180,8 @@ impl Ends {
         };
         match number.and_then(|number| slots.slots.get(number)) {
             Some(slot) if action == RestAction::Place => {
-                (symmetric_poses(&problem.objects[self.object.0], &slot.pose), slot.surface)
+                let surface = &problem.workcell.surfaces[slot.surface.0];
+                (resting_poses(&problem.objects[self.object.0], &slot.pose, surface), slot.surface)
             }
             Some(slot) => (vec![slot.pose], slot.surface),
             None => (Vec::new(), SurfaceId(0)),

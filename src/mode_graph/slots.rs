@@ -2,7 +2,7 @@
 
 use crate::geometry::{ExactShape, Pose, Vec3};
 use crate::problem::{ContactPartner, GoalPlacement, InitialPlacement, Problem};
-use crate::workcell::{ObjectId, ObjectModel, Symmetry};
+use crate::workcell::{ObjectId, ObjectModel, Surface, Symmetry, rests_on};
 
 use super::graph::Slot;
 
@@ -61,7 +61,7 @@ impl Slots {
 
     /// Pairs of slots (ascending) that cannot both be occupied: the objects there come closer
     /// than `clearance` (m, negative for overlap). With `certain_only`, pairs of which one stands
-    /// for infinitely many poses are left out.
+    /// for poses in which its object takes other room are left out.
     pub(super) fn overlaps(
         &self,
         problem: &Problem,
@@ -78,15 +78,17 @@ impl Slots {
             }
         }
         let shapes_of = |slot: &Slot| exact[slot.class].as_deref().unwrap_or_default();
-        let vague = |slot: &Slot| {
-            slot.goal_of.is_some_and(|o| {
-                matches!(problem.objects[o.0].symmetry, Symmetry::CylinderZ | Symmetry::Sphere)
+        let is_vague = |slot: &Slot| {
+            slot.goal_of.map(|o| &problem.objects[o.0]).is_some_and(|object| {
+                matches!(object.symmetry, Symmetry::CylinderZ | Symmetry::Sphere)
+                    || object.only_counts_as_box()
             })
         };
+        let vague: Vec<bool> = self.slots.iter().map(|slot| certain_only && is_vague(slot)).collect();
         let mut pairs = Vec::new();
         for (a, first) in self.slots.iter().enumerate() {
             for (b, second) in self.slots.iter().enumerate().skip(a + 1) {
-                if certain_only && (vague(first) || vague(second)) {
+                if vague[a] || vague[b] {
                     continue;
                 }
                 let near = shapes_of(first).iter().any(|x| {
@@ -131,6 +133,16 @@ pub(super) fn symmetric_poses(object: &ObjectModel, pose: &Pose) -> Vec<Pose> {
     poses
 }
 
+/// Those of [`symmetric_poses`] in which `object` is put down on `surface`: not what stands for the box
+/// around it there, and topples. The given one stays.
+pub(super) fn resting_poses(object: &ObjectModel, pose: &Pose, surface: &Surface) -> Vec<Pose> {
+    let mut poses = symmetric_poses(object, pose);
+    if object.only_counts_as_box() {
+        poses.retain(|other| other == pose || rests_on(&object.shapes, other, surface).is_ok());
+    }
+    poses
+}
+
 /// Whether an object at `a` is at `b`, up to its symmetry.
 fn is_same(object: &ObjectModel, a: &Pose, b: &Pose) -> bool {
     if (a.translation.vector - b.translation.vector).norm() > SAME_PLACE {
@@ -146,5 +158,54 @@ fn is_same(object: &ObjectModel, a: &Pose, b: &Pose) -> bool {
         Symmetry::None | Symmetry::Box => {
             object.symmetry_rotations.iter().any(|rotation| rotation.angle_to(&turn) <= SAME_TURN)
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+
+    use super::*;
+    use crate::geometry::{ConvexHull, PlacedShape, Shape};
+    use crate::workcell::symmetry_rotations;
+
+    fn object(shape: Shape) -> ObjectModel {
+        let shapes = vec![PlacedShape { shape, pose: Pose::identity() }];
+        ObjectModel {
+            id: "it".to_owned(),
+            symmetry: Symmetry::Box,
+            symmetry_rotations: symmetry_rotations(Symmetry::Box, &shapes).unwrap(),
+            shapes,
+            mass: 0.1,
+            grasps: Vec::new(),
+            approach: 0.08,
+            retreat: 0.08,
+            class: 0,
+        }
+    }
+
+    #[test]
+    fn what_counts_as_its_box_is_put_down_as_it_rests() {
+        let surface = Surface {
+            id: "top".to_owned(),
+            carrier: None,
+            pose: Pose::identity(),
+            half_extents: [0.5, 0.5],
+            capacity: None,
+        };
+        let pose = Pose::translation(0.1, 0.0, 0.03);
+        let cube = object(Shape::Box { half_extents: Vec3::repeat(0.03) });
+        assert!(!cube.only_counts_as_box());
+        assert_eq!(resting_poses(&cube, &pose, &surface), symmetric_poses(&cube, &pose));
+        // A wedge rests on its foot, its back and both its ends, four ways round each, and topples from its edges.
+        let corners = [[-1, -1, -1], [1, -1, -1], [-1, 1, -1], [1, 1, -1], [-1, -1, 1], [-1, 1, 1]];
+        let points: Vec<Vec3> = corners.iter().map(|c| Vec3::from(c.map(|s| 0.03 * f64::from(s)))).collect();
+        let wedge = object(Shape::Convex(Arc::new(ConvexHull::new(&points).unwrap())));
+        assert!(wedge.only_counts_as_box());
+        assert_eq!(symmetric_poses(&wedge, &pose).len(), 24);
+        let resting = resting_poses(&wedge, &pose, &surface);
+        assert_eq!(resting[0], pose);
+        assert!(resting.iter().all(|pose| rests_on(&wedge.shapes, pose, &surface).is_ok()));
+        assert_eq!(resting.len(), 16);
     }
 }

@@ -14,7 +14,7 @@ use super::packing::{Bed, pack};
 use super::proof::Proof;
 use super::reach::{Hold, Reach, RestAction};
 use super::regions::{Sample, connect};
-use super::slots::{Slots, symmetric_poses};
+use super::slots::{Slots, resting_poses};
 use super::stance::{alternatives, stances};
 
 /// Objects with fewer grasps than this are tried at more than one pose per spot.
@@ -81,7 +81,10 @@ impl Surveyor<'_> {
                 break;
             }
             let poses = match slot.goal_of {
-                Some(object) => symmetric_poses(&self.problem.objects[object.0], &slot.pose),
+                Some(object) => {
+                    let surface = &self.problem.workcell.surfaces[slot.surface.0];
+                    resting_poses(&self.problem.objects[object.0], &slot.pose, surface)
+                }
                 None => vec![slot.pose],
             };
             if !self.proof.may_hold(arm, slot.class, &poses) {
@@ -125,8 +128,8 @@ impl Surveyor<'_> {
 
     /// The holds in which `arm` may place `object` at any of its goal `poses`, of which the first
     /// is the one given; `None` when it can place it at none. A grasp at a symmetric pose is
-    /// another grasp at the first one; only where that is none of the object's grasps the pose
-    /// itself is asked about.
+    /// another grasp at the first one; only where that is none of the object's grasps, or the object
+    /// takes other room there, the pose itself is asked about.
     pub(super) fn goal_holds(
         &mut self,
         arm: ArmId,
@@ -142,7 +145,7 @@ impl Surveyor<'_> {
         let opening = self.problem.workcell.arms[arm.0].tool.max_opening;
         for pose in &poses[1..] {
             let turn = first.inverse() * pose;
-            let mut unknown = false;
+            let mut unknown = model.only_counts_as_box();
             for (number, grasp) in model.grasps.iter().enumerate().filter(|(_, grasp)| grasp.fits(opening)) {
                 let same = grasp.object_in_tcp * turn.inverse();
                 match model.grasps.iter().position(|other| is_close(&other.object_in_tcp, &same)) {

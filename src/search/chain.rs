@@ -16,7 +16,7 @@ use crate::kinematics::Config;
 use crate::problem::Problem;
 use crate::run::Rng;
 use crate::transition::{ContactKind, ContactQuery, Contacts, HandoffContact, HandoffQuery, travel_time};
-use crate::workcell::{ArmId, ObjectId, SurfaceId, Symmetry};
+use crate::workcell::{ArmId, ObjectId, SurfaceId, Symmetry, rests_on};
 
 use super::forecast::{Neighbour, scene_of};
 use super::handoffs::{HandoffPool, WANTED};
@@ -259,7 +259,7 @@ impl ChainPlanner<'_, '_> {
     /// The targets in the order in which they are tried, without those that are taken.
     fn in_order(&mut self, request: &ChainRequest<'_>) -> Vec<(Pose, SurfaceId)> {
         if let [(pose, surface)] = request.targets {
-            let turned = if request.anew { self.turned(request.object, *pose) } else { *pose };
+            let turned = if request.anew { self.turned(request.object, *pose, *surface) } else { *pose };
             return vec![(turned, *surface)];
         }
         let mut targets = request.targets.to_vec();
@@ -378,8 +378,8 @@ impl ChainPlanner<'_, '_> {
             .collect()
     }
 
-    /// A pose that is the same up to the object's symmetry.
-    fn turned(&mut self, object: ObjectId, pose: Pose) -> Pose {
+    /// A pose on `surface` that is the same up to the object's symmetry.
+    fn turned(&mut self, object: ObjectId, pose: Pose, surface: SurfaceId) -> Pose {
         let model = &self.problem.objects[object.0];
         let turn = match model.symmetry {
             Symmetry::CylinderZ | Symmetry::Sphere => nalgebra::UnitQuaternion::from_axis_angle(
@@ -391,7 +391,11 @@ impl ChainPlanner<'_, '_> {
                 None => return pose,
             },
         };
-        pose * turn
+        let turned = pose * turn;
+        // What only counts as the box around it may topple there.
+        let surface = self.problem.workcell.surfaces.get(surface.0);
+        let rests = || surface.is_some_and(|it| rests_on(&model.shapes, &turned, it).is_ok());
+        if !model.only_counts_as_box() || rests() { turned } else { pose }
     }
 
     /// Configurations near which an arm will be before or after a handoff.

@@ -16,7 +16,7 @@ use crate::kinematics::Config;
 use crate::mode_graph::HandoffWitness;
 use crate::problem::Problem;
 use crate::run::{Control, Rng};
-use crate::workcell::{Arm, ArmId, ObjectId, ObjectModel, Symmetry, symmetry_rotations};
+use crate::workcell::{Arm, ArmId, ObjectId, ObjectModel, shape_rotations};
 
 use super::contacts::same_hand;
 use super::draws::{Draws, Grounded, MOST_DRAWN, Meeting, Sequence, Stance};
@@ -600,7 +600,7 @@ fn same_arm(problem: &Problem, a: ArmId, b: ArmId) -> bool {
 /// The rotations about the object's frame that map the shape of an object onto itself, the identity first.
 fn rotations_of(shapes: &[PlacedShape]) -> Vec<UnitQuaternion<f64>> {
     match shapes {
-        [one] if one.pose == Pose::identity() => symmetry_rotations(Symmetry::Box, shapes),
+        [one] if one.pose == Pose::identity() => shape_rotations(&one.shape),
         _ => vec![UnitQuaternion::identity()],
     }
 }

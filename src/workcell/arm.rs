@@ -37,7 +37,7 @@ pub struct Arm {
     pub home: Config,
     /// Pairs of rigid groups of this arm (lower index first) that are never checked against each
     /// other: neighbours across one movable joint, pairs disabled by SRDF or `allowed_contacts`,
-    /// pairs that overlap almost always. The tool belongs to the mount link's group.
+    /// pairs that overlap almost always; sorted. The tool belongs to the mount link's group.
     pub exempt_groups: Vec<(usize, usize)>,
     /// The rigid groups that make the hand: the mount link's group and all groups below it.
     pub hand_groups: Vec<usize>,
@@ -70,6 +70,6 @@ impl Arm {
     /// Whether two rigid groups of this arm are to be checked against each other.
     pub fn checks_groups(&self, a: usize, b: usize) -> bool {
         let pair = (a.min(b), a.max(b));
-        a != b && !self.exempt_groups.contains(&pair)
+        a != b && self.exempt_groups.binary_search(&pair).is_err()
     }
 }

@@ -226,7 +226,7 @@ pub fn footprint(shapes: &[PlacedShape]) -> [f64; 2] {
 }
 
 /// Least and greatest corner of the shapes' axis-aligned bounding box in the object's frame (m).
-fn bounding_box(shapes: &[PlacedShape]) -> (Vec3, Vec3) {
+pub(super) fn bounding_box(shapes: &[PlacedShape]) -> (Vec3, Vec3) {
     let high = Vec3::from_fn(|index, _| extent(shapes, &axis(index, 1.0)));
     let low = Vec3::from_fn(|index, _| -extent(shapes, &axis(index, -1.0)));
     (low, high)

@@ -16,7 +16,7 @@ pub use body::{Obstacle, Surface};
 pub use grasps::{GraspError, GraspGenerator, footprint};
 pub use object::{Grasp, ObjectModel, Symmetry};
 pub use resting::{RestFault, centre, rests_on, surfaces_under};
-pub use symmetry::symmetry_rotations;
+pub use symmetry::{SymmetryError, shape_rotations, symmetry_rotations};
 
 /// Index of an arm in [`Workcell::arms`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]

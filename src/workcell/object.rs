@@ -1,5 +1,6 @@
 //! Movable objects and the ways to hold them.
 
+use super::shape_rotations;
 use crate::geometry::{PlacedShape, Pose};
 
 /// One way to hold an object.
@@ -26,7 +27,7 @@ impl Grasp {
 pub enum Symmetry {
     /// None but the identity.
     None,
-    /// The rotations that map a box of these extents onto itself.
+    /// The rotations that map the box around it onto itself.
     Box,
     /// Any turn about z, and upside down.
     CylinderZ,
@@ -63,6 +64,20 @@ impl ObjectModel {
     /// The pose of the object held with `grasp` by a TCP at `tcp`.
     pub fn held_pose(&self, grasp: usize, tcp: &Pose) -> Pose {
         tcp * self.grasps[grasp].object_in_tcp
+    }
+
+    /// Whether its symmetry is that of the box around it and not its own: turned by it, it takes other
+    /// room, and may not rest.
+    pub fn only_counts_as_box(&self) -> bool {
+        if self.symmetry != Symmetry::Box {
+            return false;
+        }
+        let own = match self.shapes.as_slice() {
+            [one] if one.pose == Pose::identity() => shape_rotations(&one.shape),
+            _ => return true,
+        };
+        let is_own = |turn| own.iter().any(|rotation| rotation.angle_to(turn) < 1.0e-6);
+        !self.symmetry_rotations.iter().all(is_own)
     }
 
     /// The radius (m) of the ball around the object's origin that holds it.

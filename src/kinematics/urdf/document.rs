@@ -6,8 +6,9 @@
 use nalgebra::{Translation3, UnitQuaternion};
 use roxmltree::Node;
 
-use super::error::{LimitFault, UrdfError};
+use super::error::UrdfError;
 use crate::geometry::{Pose, Vec3};
+use crate::kinematics::JointLimits;
 use crate::kinematics::xml::parse_xml;
 
 /// Greatest accepted length (m), angle (rad) or factor.
@@ -82,17 +83,9 @@ pub(super) struct JointElement {
     pub parent: String,
     pub child: String,
     pub axis: Vec3,
-    pub limit: Option<LimitElement>,
+    /// Its `<limit>`, be it possible or not; absent numbers are zero, as the format says.
+    pub limit: Option<JointLimits>,
     pub mimic: Option<MimicElement>,
-}
-
-/// A `<limit>`; absent numbers are zero, as the format says.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct LimitElement {
-    pub lower: f64,
-    pub upper: f64,
-    pub velocity: f64,
-    pub acceleration: f64,
 }
 
 /// A `<mimic>`.
@@ -201,7 +194,7 @@ fn read_joint(node: Node) -> Result<JointElement, UrdfError> {
             .ok_or_else(|| UrdfError::Missing { place: format!("{place} axis"), what: "xyz" })?,
         None => Vec3::x(),
     };
-    let limit = child(node, "limit").map(|element| read_limit(element, name, &place)).transpose()?;
+    let limit = child(node, "limit").map(|element| read_limit(element, &place)).transpose()?;
     let mimic = child(node, "mimic").map(|element| read_mimic(element, &place)).transpose()?;
     Ok(JointElement {
         name: name.to_owned(),
@@ -215,28 +208,16 @@ fn read_joint(node: Node) -> Result<JointElement, UrdfError> {
     })
 }
 
-fn read_limit(node: Node, joint: &str, place: &str) -> Result<LimitElement, UrdfError> {
+fn read_limit(node: Node, place: &str) -> Result<JointLimits, UrdfError> {
     let place = format!("{place} limit");
     let value = |attribute| Ok::<f64, UrdfError>(number(node, attribute, &place)?.unwrap_or(0.0));
-    let limit = LimitElement {
+    Ok(JointLimits {
         lower: value("lower")?,
         upper: value("upper")?,
         velocity: value("velocity")?,
         // In the format since URDF 1.2; readers of older versions pass over it.
         acceleration: value("acceleration")?,
-    };
-    let fault = if limit.lower > limit.upper {
-        Some(LimitFault::Crossed { lower: limit.lower, upper: limit.upper })
-    } else {
-        [limit.velocity, limit.acceleration]
-            .into_iter()
-            .find(|value| *value < 0.0)
-            .map(|value| LimitFault::Negative { value })
-    };
-    match fault {
-        Some(fault) => Err(UrdfError::BadLimit { joint: cut(joint), fault }),
-        None => Ok(limit),
-    }
+    })
 }
 
 fn read_mimic(node: Node, place: &str) -> Result<MimicElement, UrdfError> {

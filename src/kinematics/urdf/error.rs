@@ -1,6 +1,7 @@
 //! What can be wrong with a URDF.
 
 use super::mesh::MeshError;
+use crate::kinematics::JointLimits;
 use crate::kinematics::xml::XmlError;
 
 /// Why a URDF did not become an arm.
@@ -33,6 +34,16 @@ pub enum UrdfError {
         text: String,
         /// What was expected.
         expected: &'static str,
+    },
+    /// More links or collision shapes than are taken.
+    #[error("the robot has {count} {what}, at most {most} are taken; give a simpler model of it")]
+    TooMany {
+        /// What there is too much of.
+        what: &'static str,
+        /// How many there are.
+        count: usize,
+        /// How many are taken.
+        most: usize,
     },
     /// Two readers of the same text differ.
     #[error(
@@ -223,6 +234,22 @@ pub enum LimitFault {
         /// The value.
         value: f64,
     },
+}
+
+impl LimitFault {
+    /// What is wrong with `limits` that a URDF gives; a velocity or acceleration of 0 is none there.
+    pub(super) fn of(limits: &JointLimits) -> Option<Self> {
+        if limits.lower > limits.upper {
+            return Some(Self::Crossed { lower: limits.lower, upper: limits.upper });
+        }
+        Self::negative(limits)
+    }
+
+    /// The first of velocity and acceleration that is negative.
+    pub fn negative(limits: &JointLimits) -> Option<Self> {
+        let value = [limits.velocity, limits.acceleration].into_iter().find(|value| *value < 0.0)?;
+        Some(Self::Negative { value })
+    }
 }
 
 /// Something that loading decided by itself and the user should know.

@@ -25,6 +25,33 @@ use tree::{LinkTree, closest_names, link_tree};
 /// How many joints a mimic joint may follow one through the other.
 const MAX_MIMIC_DEPTH: usize = 100;
 
+/// How large a robot may be.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct UrdfSize {
+    /// Links.
+    pub links: usize,
+    /// Collision shapes of all links together, as they stand in the text.
+    pub shapes: usize,
+}
+
+impl UrdfSize {
+    /// As large as the text is.
+    pub const ANY: Self = Self { links: usize::MAX, shapes: usize::MAX };
+
+    /// Whether `robot` is within it.
+    fn check(&self, robot: &RobotElement) -> Result<(), UrdfError> {
+        let shapes: usize = robot.links.iter().map(|link| link.collisions.len()).sum();
+        for (what, count, most) in
+            [("links", robot.links.len(), self.links), ("collision shapes", shapes, self.shapes)]
+        {
+            if count > most {
+                return Err(UrdfError::TooMany { what, count, most });
+            }
+        }
+        Ok(())
+    }
+}
+
 /// What moves a joint of the document.
 #[derive(Debug, Clone, Copy)]
 enum Drive {
@@ -51,7 +78,30 @@ impl ArmModel {
         held: &BTreeMap<String, f64>,
         meshes: &dyn MeshResolver,
     ) -> Result<(Self, Vec<UrdfWarning>), UrdfError> {
+        let (model, warnings) =
+            Self::from_urdf_within(name, urdf_xml, mount_link, held, meshes, UrdfSize::ANY)?;
+        match model.joints.iter().find_map(|joint| joint.limit_fault.clone()) {
+            Some(fault) => Err(fault),
+            None => Ok((model, warnings)),
+        }
+    }
+
+    /// Loads a URDF as [`ArmModel::from_urdf`] does, if the robot is no larger than `size`: that is
+    /// looked at before anything is built. Limits of the chain's joints that are missing or cannot be
+    /// are no error here, so that others may replace them: see [`Joint::limit_fault`].
+    ///
+    /// # Errors
+    /// [`UrdfError`], of which [`UrdfError::TooMany`] says that it is larger.
+    pub fn from_urdf_within(
+        name: &str,
+        urdf_xml: &str,
+        mount_link: &str,
+        held: &BTreeMap<String, f64>,
+        meshes: &dyn MeshResolver,
+        size: UrdfSize,
+    ) -> Result<(Self, Vec<UrdfWarning>), UrdfError> {
         let robot = read_robot(urdf_xml)?;
+        size.check(&robot)?;
         let tree = link_tree(&robot)?;
         let mount = robot.links.iter().position(|link| link.name == mount_link).ok_or_else(|| {
             UrdfError::NoSuchMountLink {
@@ -61,6 +111,7 @@ impl ArmModel {
         })?;
         let mut warnings: Vec<UrdfWarning> = second_reading::compare(urdf_xml, &robot)?.into_iter().collect();
         let chain = chain_joints(&robot, &tree, mount)?;
+        check_limits_beside(&robot, &chain)?;
         if chain.is_empty() {
             return Err(UrdfError::NoMovableJoint { mount: cut(mount_link) });
         }
@@ -98,11 +149,11 @@ impl ArmModel {
         for &index in &chain {
             let element = &robot.joints[index];
             let link = tree.joint_above.iter().position(|above| *above == Some(index)).unwrap_or_default();
-            let limits = joint_limits(element)?;
+            let (limits, limit_fault) = joint_limits(element);
             if limits.lower == limits.upper {
                 warnings.push(UrdfWarning::NoRange { joint: cut(&element.name) });
             }
-            joints.push(Joint { name: element.name.clone(), link: place[link], limits });
+            joints.push(Joint { name: element.name.clone(), link: place[link], limits, limit_fault });
         }
         Ok((Self::new(name.to_owned(), links, joints, place[mount]), warnings))
     }
@@ -128,6 +179,18 @@ fn chain_joints(robot: &RobotElement, tree: &LinkTree, mount: usize) -> Result<V
     }
     chain.reverse();
     Ok(chain)
+}
+
+/// Checks the limits of the joints outside the chain, which nothing else replaces.
+fn check_limits_beside(robot: &RobotElement, chain: &[usize]) -> Result<(), UrdfError> {
+    for (index, joint) in robot.joints.iter().enumerate() {
+        if let Some(fault) = joint.limit.as_ref().and_then(LimitFault::of)
+            && !chain.contains(&index)
+        {
+            return Err(UrdfError::BadLimit { joint: cut(&joint.name), fault });
+        }
+    }
+    Ok(())
 }
 
 /// What moves each joint of the document.
@@ -244,21 +307,21 @@ fn joint_motion(element: &JointElement, drive: Drive) -> Result<(Pose, LinkMotio
     })
 }
 
-fn joint_limits(element: &JointElement) -> Result<JointLimits, UrdfError> {
+/// The limits of a joint of the chain, unlimited where there are none, and what is wrong with them.
+fn joint_limits(element: &JointElement) -> (JointLimits, Option<UrdfError>) {
+    let name = || cut(&element.name);
+    let unlimited = JointLimits {
+        lower: f64::NEG_INFINITY,
+        upper: f64::INFINITY,
+        velocity: element.limit.map_or(0.0, |limit| limit.velocity),
+        acceleration: element.limit.map_or(0.0, |limit| limit.acceleration),
+    };
+    let bad =
+        |limit: JointLimits| LimitFault::of(&limit).map(|fault| UrdfError::BadLimit { joint: name(), fault });
     match (element.kind, element.limit) {
-        (JointKind::Continuous, limit) => Ok(JointLimits {
-            lower: f64::NEG_INFINITY,
-            upper: f64::INFINITY,
-            velocity: limit.map_or(0.0, |l| l.velocity),
-            acceleration: limit.map_or(0.0, |l| l.acceleration),
-        }),
-        (_, Some(limit)) => Ok(JointLimits {
-            lower: limit.lower,
-            upper: limit.upper,
-            velocity: limit.velocity,
-            acceleration: limit.acceleration,
-        }),
-        (_, None) => Err(UrdfError::NoLimit { joint: cut(&element.name) }),
+        (JointKind::Continuous, limit) => (unlimited, limit.and_then(bad)),
+        (_, Some(limit)) => (limit, bad(limit)),
+        (_, None) => (unlimited, Some(UrdfError::NoLimit { joint: name() })),
     }
 }
 

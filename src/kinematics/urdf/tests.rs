@@ -155,6 +155,53 @@ fn faults_have_their_own_errors() {
 }
 
 #[test]
+fn limits_of_the_chain_may_be_left_to_others() {
+    let open = |limit: &str| {
+        let text = GRIPPER.replace("<limit lower=\"-1\" upper=\"1\" velocity=\"1\"/>", limit);
+        assert_ne!(text, GRIPPER);
+        let strict = load(&text, "hand").map(|_| ());
+        let size = UrdfSize::ANY;
+        let loaded = ArmModel::from_urdf_within("r", &text, "hand", &BTreeMap::new(), &NoMeshes, size);
+        (strict, loaded.unwrap().0.joints.swap_remove(0))
+    };
+    let (strict, joint) = open("");
+    assert_eq!(strict, Err(UrdfError::NoLimit { joint: "turn".to_owned() }));
+    assert_eq!(joint.limit_fault, strict.err());
+    assert_eq!((joint.limits.lower, joint.limits.upper), (f64::NEG_INFINITY, f64::INFINITY));
+    let (strict, joint) = open("<limit lower=\"2\" upper=\"1\" velocity=\"-3\"/>");
+    let fault = LimitFault::Crossed { lower: 2.0, upper: 1.0 };
+    assert_eq!(strict, Err(UrdfError::BadLimit { joint: "turn".to_owned(), fault }));
+    assert_eq!(joint.limit_fault, strict.err());
+    assert_eq!((joint.limits.lower, joint.limits.upper, joint.limits.velocity), (2.0, 1.0, -3.0));
+    // A finger's limits are nobody else's business.
+    let finger = GRIPPER.replace("upper=\"0.04\"", "upper=\"-0.04\"");
+    let size = UrdfSize::ANY;
+    let found = ArmModel::from_urdf_within("r", &finger, "hand", &BTreeMap::new(), &NoMeshes, size);
+    assert!(matches!(found, Err(UrdfError::BadLimit { joint, .. }) if joint == "f2"));
+}
+
+#[test]
+fn what_is_too_large_is_not_built() {
+    let iiwa = library("iiwa14").unwrap();
+    let within = |links: usize, shapes: usize| {
+        let size = UrdfSize { links, shapes };
+        ArmModel::from_urdf_within("r", iiwa.urdf, "flange", &BTreeMap::new(), &NoMeshes, size)
+    };
+    let (links, shapes) = (9, iiwa.urdf.matches("<collision").count());
+    assert!(within(links, shapes).is_ok());
+    let fewer = UrdfError::TooMany { what: "links", count: links, most: links - 1 };
+    assert_eq!(within(links - 1, shapes).unwrap_err(), fewer);
+    let fewer = UrdfError::TooMany { what: "collision shapes", count: shapes, most: shapes - 1 };
+    assert_eq!(within(links, shapes - 1).unwrap_err(), fewer);
+    // Before all that takes the robot for whole: this one hangs together nowhere.
+    let islands: String = (0..300).map(|index| format!("<link name='l{index}'/>")).collect();
+    let islands = robot("revolute", LIMIT, &islands);
+    let size = UrdfSize { links: 256, shapes: 0 };
+    let found = ArmModel::from_urdf_within("r", &islands, "hand", &BTreeMap::new(), &NoMeshes, size);
+    assert!(matches!(found, Err(UrdfError::TooMany { what: "links", count: 302, most: 256 })));
+}
+
+#[test]
 fn two_readers_must_agree() {
     let arm = |version: &str, origin: &str, limit: &str| {
         format!(

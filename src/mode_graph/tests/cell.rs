@@ -95,7 +95,7 @@ impl Cell {
             shapes: shapes.clone(),
             mass: 0.1,
             symmetry: cube.symmetry,
-            symmetry_rotations: crate::workcell::symmetry_rotations(cube.symmetry, &shapes),
+            symmetry_rotations: crate::workcell::symmetry_rotations(cube.symmetry, &shapes).unwrap(),
             grasps: grasps.clone(),
             approach: 0.08,
             retreat: 0.08,

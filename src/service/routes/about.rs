@@ -29,6 +29,8 @@ fn document_limits(config: &ServiceConfig) -> Value {
         "body_bytes": read.max_bytes,
         "json_depth": read.max_json_depth,
         "robots": read.max_robots,
+        "links_per_robot": read.max_links,
+        "link_shapes_per_robot": read.max_link_shapes,
         "arms": read.max_arms,
         "obstacles": read.max_obstacles,
         "surfaces": read.max_surfaces,

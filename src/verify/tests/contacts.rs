@@ -81,6 +81,7 @@ fn bodies_of_one_arm_and_of_two() {
     // Allowed for good.
     let mut allowed = problem();
     cell(&mut allowed).arms[0].exempt_groups.push((1, 3));
+    cell(&mut allowed).arms[0].exempt_groups.sort_unstable();
     let mut left = left_ways();
     left[8] = (8.0, [-0.3, 0.0, 1.46]);
     assert!(verify(&allowed, &plan([left, right_ways()], actions())).valid);

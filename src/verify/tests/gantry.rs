@@ -69,7 +69,12 @@ pub fn gantry_model(sign: f64) -> ArmModel {
         });
     }
     let limits = JointLimits { lower: -2.0, upper: 2.0, velocity: 2.0, acceleration: 20.0 };
-    let joints = (0..3).map(|index| Joint { name: ["x", "y", "z"][index].into(), link: index + 1, limits });
+    let joints = (0..3).map(|index| Joint {
+        name: ["x", "y", "z"][index].into(),
+        link: index + 1,
+        limits,
+        limit_fault: None,
+    });
     ArmModel::new("gantry".into(), links, joints.collect(), 3)
 }
 

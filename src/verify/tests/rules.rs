@@ -401,7 +401,7 @@ fn goals_are_met() {
             set(problem, turned(rotation));
             problem.objects[0].symmetry = symmetry;
             if symmetry == Symmetry::Box {
-                let rotations = symmetry_rotations(symmetry, &problem.objects[0].shapes);
+                let rotations = symmetry_rotations(symmetry, &problem.objects[0].shapes).unwrap();
                 problem.objects[0].symmetry_rotations = rotations;
             }
         });

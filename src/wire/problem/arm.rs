@@ -5,14 +5,16 @@ use std::sync::Arc;
 
 use super::context::{Context, Named};
 use super::known_robots::{KnownRobots, OverlapKey};
-use super::robot::{LoadedModel, ModelCache, RobotSpec, lacks_joint, read_joint_values, read_limits};
+use super::robot::{
+    LimitOverride, LoadedModel, ModelCache, RobotSpec, lacks_joint, read_joint_values, read_limits,
+};
 use super::shape::{read_shape, shape_bits};
 use super::statics::optional_pose;
 use crate::kinematics::{ArmModel, Config, Joint, JointLimits};
 use crate::run::Seed;
 use crate::wire::fault::FaultCode;
 use crate::wire::reader::{Fields, Node, Range, shown};
-use crate::workcell::contacts::{self, GroupPair};
+use crate::workcell::contacts::{self, GroupPair, TooMuchWork};
 use crate::workcell::{Arm, Tool};
 
 /// A missing acceleration limit is this many times the velocity limit, per second.
@@ -22,9 +24,11 @@ const DEFAULT_ACCELERATION_FACTOR: f64 = 5.0;
 pub struct ArmReader<'s> {
     robots: &'s BTreeMap<String, Option<RobotSpec>>,
     models: ModelCache,
-    /// What is known of this document's robots alone, and of those of others.
+    /// What is known of this document's robots, and of those of others.
     own: KnownRobots,
     known: Option<&'s KnownRobots>,
+    /// What is left of the limits' `max_overlap_work`; `None` when it was not enough.
+    work_left: Option<u64>,
     warned: BTreeSet<String>,
     /// Joints on the chain of some arm of each robot.
     chains: BTreeMap<String, BTreeSet<String>>,
@@ -46,6 +50,7 @@ pub fn read_arms(
         own: KnownRobots::new(),
         known: context.resources.known_robots(),
         models: ModelCache::default(),
+        work_left: Some(context.limits.max_overlap_work),
         warned: BTreeSet::new(),
         chains: BTreeMap::new(),
     };
@@ -95,7 +100,7 @@ impl ArmReader<'_> {
         let value = |joint: &Joint| home.get(&joint.name).map_or(0.0, |(value, _)| *value);
         let home = loaded.model.joints.iter().map(value).collect();
         let tool = tool?;
-        let exempt_groups = self.exempt(&loaded, &tool, &limits, robot, context);
+        let exempt_groups = self.exempt(&loaded, &tool, &limits, robot, context)?;
         Some(Arm {
             id: id?,
             hand_groups: contacts::hand_groups(&loaded.model),
@@ -113,7 +118,7 @@ impl ArmReader<'_> {
         node: &Node<'_>,
         robot: &RobotSpec,
         model: &ArmModel,
-        overrides: &BTreeMap<String, (super::robot::LimitOverride, String)>,
+        overrides: &BTreeMap<String, (LimitOverride, String)>,
         context: &mut Context<'_>,
     ) -> Option<Vec<JointLimits>> {
         let before = context.faults.count();
@@ -125,16 +130,24 @@ impl ArmReader<'_> {
                 context.faults.push(pointer.clone(), FaultCode::UnknownJoint, unknown_joint(joint, model));
             }
         }
-        let mut assumed = Vec::new();
+        let (mut is_whole, mut assumed) = (true, Vec::new());
         let mut out = Vec::with_capacity(model.joints.len());
         for joint in &model.joints {
-            let mut limits = joint.limits;
+            let mut given = LimitOverride::default();
             let mut pointer = node.pointer.as_str();
             for (limit, place) in
                 [robot.limits.get(&joint.name), overrides.get(&joint.name)].into_iter().flatten()
             {
-                limit.apply(&mut limits);
+                given.overrule_with(limit);
                 pointer = place;
+            }
+            let mut limits = joint.limits;
+            given.apply(&mut limits);
+            if let Some(fault) = given.left_open(joint, &limits) {
+                let message = fault.to_string();
+                self.models.note_once(&robot.pointer(), FaultCode::BadUrdf, &message, context);
+                is_whole = false;
+                continue;
             }
             let name = &joint.name;
             if limits.lower > limits.upper {
@@ -164,7 +177,7 @@ impl ArmReader<'_> {
             );
             context.faults.warn(node.pointer.clone(), FaultCode::MissingField, message);
         }
-        (context.faults.count() == before).then_some(out)
+        (is_whole && context.faults.count() == before).then_some(out)
     }
 
     /// Notes the robots' overrides for joints that no arm of the robot has on its chain, a finger's perhaps: they say nothing.
@@ -190,6 +203,7 @@ impl ArmReader<'_> {
         }
     }
 
+    /// The pairs of rigid groups that may touch for good; `None` when that takes too much work to find out.
     fn exempt(
         &mut self,
         loaded: &LoadedModel,
@@ -197,7 +211,7 @@ impl ArmReader<'_> {
         limits: &[JointLimits],
         robot: &RobotSpec,
         context: &mut Context<'_>,
-    ) -> Vec<GroupPair> {
+    ) -> Option<Vec<GroupPair>> {
         let model = &loaded.model;
         let mut pairs: BTreeSet<GroupPair> = contacts::neighbours(model).into_iter().collect();
         pairs.extend(loaded.disabled.iter().copied());
@@ -207,11 +221,7 @@ impl ArmReader<'_> {
             limits: limits.to_vec(),
             exempt: pairs.iter().copied().collect(),
         };
-        let known = self.known.filter(|known| known.keeps(model)).unwrap_or(&self.own);
-        let found = known.overlapping(key, || {
-            let mut rng = Seed(0).stream("workcell/contacts");
-            contacts::almost_always_overlapping(model, &tool.shapes, limits, &pairs, &mut rng)
-        });
+        let found = self.overlapping(key, tool, robot, context)?;
         for (a, b) in &found {
             let message = format!(
                 "{} and {} overlap in more than 95 % of 1,000 random configurations and are not checked \
@@ -224,7 +234,46 @@ impl ArmReader<'_> {
             }
         }
         pairs.extend(found);
-        pairs.into_iter().collect()
+        Some(pairs.into_iter().collect())
+    }
+
+    /// The pairs that overlap almost always; `None`, with a fault at the first, when the document's robots
+    /// take more work than they may. An answer counts once, and with its work whoever found it.
+    fn overlapping(
+        &mut self,
+        key: OverlapKey,
+        tool: &Tool,
+        robot: &RobotSpec,
+        context: &mut Context<'_>,
+    ) -> Option<Vec<GroupPair>> {
+        let left = self.work_left?;
+        let most = context.limits.max_overlap_work;
+        let known = self.known.filter(|known| known.keeps(&key.model));
+        let mut is_new = false;
+        let answer = self.own.overlapping(key.clone(), || {
+            is_new = true;
+            let find = || {
+                let exempt = key.exempt.iter().copied().collect();
+                let mut rng = Seed(0).stream("workcell/contacts");
+                let (model, limits) = (&key.model, &key.limits);
+                contacts::almost_always_overlapping(model, &tool.shapes, limits, &exempt, most, &mut rng)
+            };
+            match known {
+                Some(known) => known.overlapping(key.clone(), find),
+                None => find(),
+            }
+        });
+        if is_new {
+            self.work_left = answer.as_ref().ok().and_then(|found| left.checked_sub(found.work));
+        }
+        if self.work_left.is_none() {
+            let message = format!(
+                "{TooMuchWork}; disable pairs of links that touch by design in an SRDF, or give fewer and \
+                 simpler collision shapes"
+            );
+            context.faults.push(robot.pointer(), FaultCode::TooLarge, message);
+        }
+        answer.ok().map(|found| found.pairs).filter(|_| self.work_left.is_some())
     }
 }
 

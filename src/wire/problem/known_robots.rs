@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use crate::kinematics::{ArmModel, JointLimits, UrdfWarning};
-use crate::workcell::contacts::GroupPair;
+use crate::workcell::contacts::{GroupPair, Overlaps, TooMuchWork};
 
 /// Models that are kept at most; beyond it all are forgotten.
 const MOST_MODELS: usize = 32;
@@ -51,6 +51,9 @@ impl PartialEq for OverlapKey {
     }
 }
 
+/// Which pairs overlap almost always, if that can be found out.
+pub(super) type Answer = Result<Overlaps, TooMuchWork>;
+
 /// A model with what is to be said of it.
 pub(super) type Model = (Arc<ArmModel>, Vec<UrdfWarning>);
 
@@ -62,7 +65,7 @@ pub struct KnownRobots(Mutex<Known>);
 #[derive(Debug, Default)]
 struct Known {
     models: Vec<(RobotKey, Model)>,
-    overlapping: Vec<(OverlapKey, Vec<GroupPair>)>,
+    overlapping: Vec<(OverlapKey, Answer)>,
 }
 
 impl KnownRobots {
@@ -103,20 +106,16 @@ impl KnownRobots {
     }
 
     /// The pairs that overlap almost always, by `find` where nobody asked before.
-    pub(super) fn overlapping(
-        &self,
-        key: OverlapKey,
-        find: impl FnOnce() -> Vec<GroupPair>,
-    ) -> Vec<GroupPair> {
-        if let Some((_, pairs)) = self.known().overlapping.iter().find(|(known, _)| *known == key) {
-            return pairs.clone();
+    pub(super) fn overlapping(&self, key: OverlapKey, find: impl FnOnce() -> Answer) -> Answer {
+        if let Some((_, answer)) = self.known().overlapping.iter().find(|(known, _)| *known == key) {
+            return answer.clone();
         }
-        let pairs = find();
+        let answer = find();
         let mut known = self.known();
         if known.overlapping.len() >= MOST_OVERLAPPING {
             known.overlapping.clear();
         }
-        known.overlapping.push((key, pairs.clone()));
-        pairs
+        known.overlapping.push((key, answer.clone()));
+        answer
     }
 }

@@ -1,5 +1,7 @@
 //! How large a problem may be.
 
+use crate::kinematics::UrdfSize;
+
 /// Bounds on what is read; what is beyond them is `too_large`.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ReadLimits {
@@ -7,6 +9,13 @@ pub struct ReadLimits {
     pub max_bytes: usize,
     /// Robot models.
     pub max_robots: usize,
+    /// Links of one robot.
+    pub max_links: usize,
+    /// Collision shapes of all links of one robot, as they stand in its URDF.
+    pub max_link_shapes: usize,
+    /// Work, in units of about 10 ns, that may go into finding out which links of a document's robots
+    /// overlap almost always: hundreds of links in one clump would take minutes.
+    pub max_overlap_work: u64,
     /// Arms.
     pub max_arms: usize,
     /// Obstacles.
@@ -43,6 +52,11 @@ pub struct ReadLimits {
 }
 
 impl ReadLimits {
+    /// How large one robot may be.
+    pub fn robot_size(&self) -> UrdfSize {
+        UrdfSize { links: self.max_links, shapes: self.max_link_shapes }
+    }
+
     /// Triangles of all meshes of one document together. A mesh counts once, however often it is used in
     /// one scale, and as one triangle for every 256 bytes of its file at least.
     pub fn max_triangles_together(&self) -> usize {
@@ -55,6 +69,9 @@ impl Default for ReadLimits {
         Self {
             max_bytes: 16 << 20,
             max_robots: 32,
+            max_links: 256,
+            max_link_shapes: 1024,
+            max_overlap_work: 250_000_000,
             max_arms: 32,
             max_obstacles: 1000,
             max_surfaces: 200,

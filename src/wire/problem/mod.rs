@@ -205,13 +205,12 @@ fn read_parts(
         _ => vec![None; objects.len()],
     };
     let allowed = statics::read_allowed_contacts(allowed_contacts, &arms, context);
-    for (index, pair) in &allowed.within_arm {
-        if let Some(Some(arm)) = arms.get_mut(*index)
-            && !arm.exempt_groups.contains(pair)
-        {
-            arm.exempt_groups.push(*pair);
-            arm.exempt_groups.sort_unstable();
-        }
+    for (index, arm) in arms.iter_mut().enumerate() {
+        let Some(arm) = arm else { continue };
+        let own = allowed.within_arm.range((index, (0, 0))..(index + 1, (0, 0)));
+        arm.exempt_groups.extend(own.map(|(_, pair)| *pair));
+        arm.exempt_groups.sort_unstable();
+        arm.exempt_groups.dedup();
     }
     let initial = fields.required("initial", &mut context.faults);
     let initial = placement::read_initial(initial, &ids, context);

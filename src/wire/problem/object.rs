@@ -49,7 +49,8 @@ fn read_object(
     let mass = figure("mass", Range::NonNegative(1.0e4), 0.2);
     let approach = figure("approach", Range::NonNegative(MAX_STROKE), 0.08);
     let retreat = figure("retreat", Range::NonNegative(MAX_STROKE), 0.08);
-    let symmetry = match fields.optional("symmetry") {
+    let symmetry_node = fields.optional("symmetry");
+    let symmetry = match &symmetry_node {
         Some(node) => {
             let choices = [
                 ("none", Symmetry::None),
@@ -80,7 +81,14 @@ fn read_object(
         let message = "no gripper of this workcell has a grasp for this object; it stays where it is";
         context.faults.warn(node.pointer.clone(), FaultCode::OutOfRange, message);
     }
-    let symmetry_rotations = symmetry_rotations(symmetry, &shapes);
+    let symmetry_rotations = match symmetry_rotations(symmetry, &shapes) {
+        Ok(rotations) => rotations,
+        Err(error) => {
+            let pointer = symmetry_node.unwrap_or_else(|| node.clone()).pointer;
+            context.faults.push(pointer, FaultCode::OutOfRange, error.to_string());
+            return None;
+        }
+    };
     Some(ObjectModel {
         id: id?,
         shapes,

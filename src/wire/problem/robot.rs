@@ -11,8 +11,8 @@ use super::meshes::{Meshes, code_of};
 use super::urdf_names;
 use crate::geometry::{ConvexHull, Vec3};
 use crate::kinematics::{
-    ArmModel, JointLimits, MeshError, MeshResolver, SrdfError, UrdfError, UrdfWarning, XmlError,
-    disabled_group_pairs, library, library_names,
+    ArmModel, Joint, JointLimits, LimitFault, MeshError, MeshResolver, SrdfError, UrdfError, UrdfSize,
+    UrdfWarning, XmlError, disabled_group_pairs, library, library_names,
 };
 use crate::wire::digest::sha256;
 use crate::wire::fault::FaultCode;
@@ -39,6 +39,33 @@ pub struct LimitOverride {
 }
 
 impl LimitOverride {
+    /// Takes over what `other` says.
+    pub fn overrule_with(&mut self, other: &Self) {
+        self.lower = other.lower.or(self.lower);
+        self.upper = other.upper.or(self.upper);
+        self.velocity = other.velocity.or(self.velocity);
+        self.acceleration = other.acceleration.or(self.acceleration);
+    }
+
+    /// What is wrong with the limits of `joint` in its URDF and not mended by what this says; `limits`
+    /// are what comes of both.
+    pub fn left_open(&self, joint: &Joint, limits: &JointLimits) -> Option<UrdfError> {
+        let fault = joint.limit_fault.as_ref()?;
+        let mended = match fault {
+            UrdfError::NoLimit { .. } => {
+                self.lower.is_some() && self.upper.is_some() && self.velocity.is_some()
+            }
+            UrdfError::BadLimit { fault: LimitFault::Crossed { .. }, .. } => {
+                (self.lower.is_some() || self.upper.is_some()) && limits.lower <= limits.upper
+            }
+            _ => true,
+        };
+        if !mended {
+            return Some(fault.clone());
+        }
+        LimitFault::negative(limits).map(|fault| UrdfError::BadLimit { joint: shown(&joint.name), fault })
+    }
+
     /// Replaces what it says.
     pub fn apply(&self, limits: &mut JointLimits) {
         limits.lower = self.lower.unwrap_or(limits.lower);
@@ -82,6 +109,18 @@ impl RobotSpec {
     /// The names of all its joints, of a URDF that could be loaded.
     pub fn joint_names(&self) -> BTreeSet<String> {
         urdf_names::joint_names(&self.urdf.text)
+    }
+
+    /// Makes a model of it.
+    fn load(
+        &self,
+        mount: &str,
+        held: &BTreeMap<String, f64>,
+        meshes: &UrdfMeshes<'_>,
+        context: &Context<'_>,
+    ) -> Result<(ArmModel, Vec<UrdfWarning>), UrdfError> {
+        let size = context.limits.robot_size();
+        ArmModel::from_urdf_within(&self.name, &self.urdf.text, mount, held, meshes, size)
     }
 }
 
@@ -310,8 +349,7 @@ impl ModelCache {
 
     fn note_again(&mut self, spec: &RobotSpec, mount: &str, mount_pointer: &str, context: &mut Context<'_>) {
         let meshes = UrdfMeshes::new(context, spec);
-        let result = ArmModel::from_urdf(&spec.name, &spec.urdf.text, mount, &BTreeMap::new(), &meshes);
-        if let Err(error) = result {
+        if let Err(error) = spec.load(mount, &BTreeMap::new(), &meshes, context) {
             self.note(&error, spec, mount_pointer, &BTreeMap::new(), context);
         }
     }
@@ -337,7 +375,7 @@ impl ModelCache {
             if let Some(model) = known.as_ref().and_then(|(robots, key)| robots.model(key)) {
                 break model;
             }
-            match ArmModel::from_urdf(&spec.name, &spec.urdf.text, mount, &held, &meshes) {
+            match spec.load(mount, &held, &meshes, context) {
                 Ok((model, warnings)) => {
                     let loaded = (Arc::new(model), warnings);
                     break match known.filter(|_| meshes.is_untouched()) {
@@ -404,7 +442,7 @@ impl ModelCache {
         if self.loaded.keys().any(|(name, ..)| *name == spec.name) {
             return;
         }
-        let model = match model_of_unused(spec) {
+        let model = match model_of_unused(spec, context.limits.robot_size()) {
             Ok(model) => model,
             Err(error) => return self.note(&error, spec, &spec.urdf.pointer, &BTreeMap::new(), context),
         };
@@ -435,7 +473,7 @@ impl ModelCache {
     }
 
     /// Notes a fault of a robot once, however many arms it has.
-    fn note_once(&mut self, pointer: &str, code: FaultCode, message: &str, context: &mut Context<'_>) {
+    pub fn note_once(&mut self, pointer: &str, code: FaultCode, message: &str, context: &mut Context<'_>) {
         if self.noted.insert((pointer.to_owned(), message.to_owned())) {
             context.faults.push(pointer, code, message);
         }
@@ -468,7 +506,7 @@ impl ModelCache {
             UrdfError::Mesh { error, .. } => {
                 self.note_once(&spec.urdf.pointer, code_of(error), &message, context);
             }
-            UrdfError::Xml(XmlError::TooLarge { .. }) => {
+            UrdfError::Xml(XmlError::TooLarge { .. }) | UrdfError::TooMany { .. } => {
                 self.note_once(&spec.urdf.pointer, FaultCode::TooLarge, &message, context);
             }
             _ => self.note_once(&spec.urdf.pointer, FaultCode::BadUrdf, &message, context),
@@ -478,9 +516,11 @@ impl ModelCache {
 
 /// A model of a robot that no arm uses, with the tool on some link; `None` when none was found that could carry one, which is
 /// no fault of the robot.
-fn model_of_unused(spec: &RobotSpec) -> Result<Option<ArmModel>, UrdfError> {
+fn model_of_unused(spec: &RobotSpec, size: UrdfSize) -> Result<Option<ArmModel>, UrdfError> {
     let urdf = &spec.urdf.text;
-    let load = |mount: &str| match ArmModel::from_urdf(&spec.name, urdf, mount, &BTreeMap::new(), &AnyMesh) {
+    let none = BTreeMap::new();
+    let load = |mount: &str| match ArmModel::from_urdf_within(&spec.name, urdf, mount, &none, &AnyMesh, size)
+    {
         Ok((model, _)) => Ok(Some(model)),
         Err(
             UrdfError::NoSuchMountLink { .. }

@@ -11,6 +11,10 @@ use crate::wire::reader::{Fields, Node, Range};
 use crate::workcell::contacts::group_pair;
 use crate::workcell::{Arm, ArmId, ObjectId, Obstacle, ObstacleId, Surface};
 
+/// Most pairs of bodies that all entries of `allowed_contacts` together may stand for: two whole arms
+/// stand for each group of the one against each of the other.
+const MAX_ALLOWED_PAIRS: usize = 1_000_000;
+
 /// A pose that may be left out.
 pub fn optional_pose(fields: &mut Fields<'_>, key: &'static str, context: &mut Context<'_>) -> Option<Pose> {
     match fields.optional(key) {
@@ -104,6 +108,16 @@ enum Body {
     Object(usize),
 }
 
+impl Body {
+    /// How many bodies it stands for.
+    fn size(&self) -> usize {
+        match self {
+            Self::Groups(_, groups) => groups.len(),
+            Self::Obstacle(_) | Self::Object(_) => 1,
+        }
+    }
+}
+
 /// `workcell.allowed_contacts`; everything that has a name has been read.
 pub fn read_allowed_contacts(
     node: Option<Node<'_>>,
@@ -114,6 +128,7 @@ pub fn read_allowed_contacts(
     let Some(node) = node else { return allowed };
     let elements =
         node.elements(&mut context.faults, "allowed contacts", context.limits.max_allowed_contacts);
+    let (mut seen, mut count) = (BTreeSet::new(), 0);
     for pair in elements {
         let bodies = pair.elements(&mut context.faults, "bodies in a pair", 2);
         let [a, b] = &bodies[..] else {
@@ -122,8 +137,24 @@ pub fn read_allowed_contacts(
             }
             continue;
         };
+        let (one, other) = (a.value.as_str(), b.value.as_str());
+        let names = (one.min(other), one.max(other));
+        // Two whole arms stand for thousands of pairs: once is enough.
+        if seen.contains(&names) {
+            continue;
+        }
         let (a, b) = (read_body(a, arms, context), read_body(b, arms, context));
         if let (Some(a), Some(b)) = (a, b) {
+            seen.insert(names);
+            count += a.size() * b.size();
+            if count > MAX_ALLOWED_PAIRS {
+                let message = format!(
+                    "the allowed contacts up to this one stand for {count} pairs of bodies, at most \
+                     {MAX_ALLOWED_PAIRS} are taken; name links instead of whole arms"
+                );
+                node.fault(&mut context.faults, FaultCode::TooLarge, message);
+                break;
+            }
             allow(&mut allowed, &a, &b);
         }
     }

@@ -95,6 +95,32 @@ fn limits_of_joints_beyond_the_hand_say_nothing() {
 }
 
 #[test]
+fn limits_that_the_urdf_lacks_may_come_from_elsewhere() {
+    let limit = "<limit lower=\"-2\" upper=\"2\" velocity=\"1.5\" effort=\"1\"/>";
+    assert!(SMALL_URDF.contains(limit));
+    let swing = |instead: &str, robot: Value, arm: Value| {
+        let mut document = small();
+        set(&mut document, "/workcell/robots/small/urdf_xml", json!(SMALL_URDF.replace(limit, instead)));
+        set(&mut document, "/workcell/robots/small/limits", json!({ "swing": robot }));
+        set(&mut document, "/workcell/arms/0/limits", json!({ "swing": arm }));
+        let limits = accepted(&document).problem.workcell.arms[0].limits[0];
+        (limits.lower, limits.upper, limits.velocity, limits.acceleration)
+    };
+    let (ends, speed) = (json!({ "lower": -1.0, "upper": 2.5 }), json!({ "velocity": 0.5 }));
+    assert_eq!(swing("", ends.clone(), speed.clone()), (-1.0, 2.5, 0.5, 2.5));
+    assert_eq!(swing("", speed.clone(), ends), (-1.0, 2.5, 0.5, 2.5));
+    // What the URDF does say stays.
+    let crossed = "<limit lower=\"2\" upper=\"1\" velocity=\"1.5\"/>";
+    assert_eq!(swing(crossed, json!({ "lower": -1.0 }), json!({})), (-1.0, 1.0, 1.5, 7.5));
+    assert_eq!(
+        swing(crossed, json!({ "lower": 3.0 }), json!({ "upper": 4.0, "lower": -4.0 })),
+        (-4.0, 4.0, 1.5, 7.5)
+    );
+    let negative = "<limit lower=\"-2\" upper=\"2\" velocity=\"-1.5\" acceleration=\"-1\"/>";
+    assert_eq!(swing(negative, speed, json!({ "acceleration": 3.0 })), (-2.0, 2.0, 0.5, 3.0));
+}
+
+#[test]
 fn joints_beyond_the_hand_stand_where_home_puts_them() {
     let mut document = small();
     set(&mut document, "/workcell/arms/0/home", json!({ "grip": 0.07, "reach": 0.1 }));
@@ -107,6 +133,27 @@ fn joints_beyond_the_hand_stand_where_home_puts_them() {
     arm.model.link_poses(&arm.home, &mut poses);
     let finger = poses[arm.model.link_index("finger").unwrap()].translation.vector;
     assert!((finger - crate::geometry::Vec3::new(0.6, 0.07, 0.2)).norm() < 1e-12);
+}
+
+#[test]
+fn what_is_held_may_touch_fingers_beside_the_mount_link() {
+    // The tool's frame is a link of its own, and the finger around the ball hangs on the one before.
+    let finger = "<link name=\"finger\"><collision><geometry><box size=\"0.1 0.02 0.1\"/></geometry></collision></link>\
+                  <link name=\"tcp\"/>";
+    let fixed =
+        "<joint name=\"frame\" type=\"fixed\"><parent link=\"wrist\"/><child link=\"tcp\"/></joint></robot>";
+    let urdf = SMALL_URDF.replace("<link name=\"finger\"/>", finger).replace("</robot>", fixed);
+    let mut document = small();
+    set(&mut document, "/workcell/robots/small/urdf_xml", json!(urdf));
+    set(&mut document, "/workcell/arms/0/home", json!({ "reach": 0.3 }));
+    set(&mut document, "/initial/ball", json!({ "held_by": "a", "object_in_tcp": {} }));
+    let mut hands = Vec::new();
+    for mount in ["wrist", "tcp"] {
+        set(&mut document, "/workcell/arms/0/tool/mount_link", json!(mount));
+        hands.push(accepted(&document).problem.workcell.arms[0].hand_groups.clone());
+    }
+    assert_eq!(hands[0].len(), 2);
+    assert_eq!(hands[0], hands[1]);
 }
 
 #[test]
@@ -168,6 +215,35 @@ fn classes_follow_shape_and_grasps() {
 }
 
 #[test]
+fn any_shape_about_its_origin_may_count_as_its_box() {
+    let mut document = switch();
+    // A wedge in a box of 6 by 6 by 8 cm.
+    let corners = [[-1, -1, -1], [1, -1, -1], [-1, 1, -1], [1, 1, -1], [-1, -1, 1], [-1, 1, 1]];
+    let point = |[x, y, z]: [i32; 3]| json!({ "x": 0.03 * f64::from(x), "y": 0.03 * f64::from(y), "z": 0.04 * f64::from(z) });
+    let wedge = json!({ "type": "convex", "points": corners.map(point) });
+    for (shape, count) in [
+        (wedge, 8),
+        (json!({ "type": "cylinder", "radius": 0.03, "length": 0.08 }), 8),
+        (json!({ "type": "sphere", "radius": 0.03 }), 24),
+        (json!({ "type": "box", "size": { "x": 0.04, "y": 0.06, "z": 0.08 } }), 4),
+    ] {
+        let mut document = document.clone();
+        set(&mut document, "/objects/0/shape", shape);
+        remove(&mut document, "/objects/0/grasps");
+        set(&mut document, "/objects/0/symmetry", json!("box"));
+        set(&mut document, "/initial/cube_1", json!({ "held_by": "arm_1", "object_in_tcp": {} }));
+        remove(&mut document, "/goal/cube_1");
+        let object = &accepted(&document).problem.objects[0];
+        assert_eq!((object.symmetry, object.symmetry_rotations.len()), (Symmetry::Box, count));
+        assert_eq!(object.only_counts_as_box(), count != 4);
+    }
+    set(&mut document, "/objects/0/symmetry", json!("box"));
+    let object = &accepted(&document).problem.objects[0];
+    assert_eq!(object.symmetry_rotations.len(), 24);
+    assert!(!object.only_counts_as_box());
+}
+
+#[test]
 fn grasps_are_made_for_the_widest_gripper_and_say_what_they_need() {
     let mut document = switch();
     set(&mut document, "/workcell/arms/0/tool/max_opening", json!(0.05));
@@ -193,6 +269,7 @@ fn allowed_contacts_of_objects_and_arms() {
         ["arm_1/@tool", "cube_2"],
         ["arm_1/link_1", "arm_2/link_1"],
         ["arm_1/link_0", "arm_1/link_4"],
+        ["arm_1/link_4", "arm_1/link_0"],
         ["table_a", "table_b"]
     ]);
     set(&mut document, "/workcell/allowed_contacts", pairs);

@@ -2,8 +2,9 @@
 
 use std::collections::BTreeSet;
 
+use super::super::KnownRobots;
 use super::*;
-use crate::wire::{Folder, ResourceError, Resources, read_problem};
+use crate::wire::{Folder, Remembering, ResourceError, Resources, read_problem};
 
 /// What is done to a document, and the fault that must come of it.
 struct Case {
@@ -383,6 +384,151 @@ fn what_is_too_large_is_told_once() {
     let mut grasps = switch();
     grasps["objects"][0]["grasps"] = json!(vec![json!({ "generator": "top", "yaw_steps": 360 }); 2]);
     assert!(has(&read(&grasps).unwrap_err(), "/objects/0/grasps", FaultCode::TooLarge));
+}
+
+#[test]
+fn a_box_symmetry_needs_a_box_about_the_origin() {
+    let mut document = small();
+    let corners = [[0.0, 0.0, 0.0], [0.06, 0.0, 0.0], [0.0, 0.06, 0.0], [0.0, 0.0, 0.06]];
+    let points = corners.map(|[x, y, z]| json!({ "x": x, "y": y, "z": z }));
+    set(&mut document, "/objects/0/shape", json!({ "type": "convex", "points": points }));
+    set(&mut document, "/initial/ball", pose(0.0, 0.8, 0.1));
+    assert!(read(&document).is_ok());
+    set(&mut document, "/objects/0/symmetry", json!("box"));
+    let faults = read(&document).unwrap_err();
+    assert_eq!(faults.len(), 1, "{}", lines(&faults));
+    assert!(has(&faults, "/objects/0/symmetry", FaultCode::OutOfRange));
+    assert!(faults[0].message.contains("(0.030000, 0.030000, 0.030000)"), "{}", faults[0].message);
+}
+
+#[test]
+fn limits_that_nobody_mends_are_faults_of_the_urdf() {
+    let limit = "<limit lower=\"-2\" upper=\"2\" velocity=\"1.5\" effort=\"1\"/>";
+    let crossed = "<limit lower=\"2\" upper=\"1\" velocity=\"-1\"/>";
+    let negative = "<limit lower=\"-2\" upper=\"2\" velocity=\"1.5\" acceleration=\"-1\"/>";
+    let crossed_message = "joint \"swing\": the lower limit 2 is above the upper limit 1";
+    let negative_message = "joint \"swing\": the limit -1 of velocity or acceleration is negative";
+    for (instead, given, message) in [
+        ("", json!({}), "joint \"swing\" has no <limit>"),
+        ("", json!({ "lower": -1.0, "velocity": 1.0 }), "joint \"swing\" has no <limit>"),
+        ("", json!({ "lower": -1.0, "upper": 1.0, "acceleration": 1.0 }), "joint \"swing\" has no <limit>"),
+        (crossed, json!({}), crossed_message),
+        (crossed, json!({ "velocity": 1.0 }), crossed_message),
+        (crossed, json!({ "upper": 1.5, "velocity": 1.0 }), crossed_message),
+        // The next fault stands behind the first.
+        (crossed, json!({ "upper": 3.0 }), negative_message),
+        (negative, json!({ "velocity": 1.0 }), negative_message),
+    ] {
+        let mut document = small();
+        let robot = "/workcell/robots/small";
+        set(&mut document, &format!("{robot}/urdf_xml"), json!(SMALL_URDF.replace(limit, instead)));
+        set(&mut document, &format!("{robot}/limits"), json!({ "swing": given }));
+        let mut second = document["workcell"]["arms"][0].clone();
+        second["id"] = json!("b");
+        set(&mut document, "/workcell/arms/1", second);
+        let faults = read(&document).unwrap_err();
+        assert_eq!(faults.len(), 1, "{}", lines(&faults));
+        assert!(has(&faults, &format!("{robot}/urdf_xml"), FaultCode::BadUrdf), "{}", lines(&faults));
+        assert_eq!(faults[0].message, message);
+    }
+    // Limits of a finger are not replaced.
+    let mut document = small();
+    let urdf = SMALL_URDF.replace("upper=\"0.1\"", "upper=\"-0.1\"");
+    set(&mut document, "/workcell/robots/small/urdf_xml", json!(urdf));
+    let faults = read(&document).unwrap_err();
+    assert!(has(&faults, "/workcell/robots/small/urdf_xml", FaultCode::BadUrdf), "{}", lines(&faults));
+}
+
+#[test]
+fn robots_are_bounded_in_links_and_shapes() {
+    let limits = ReadLimits { max_links: 4, max_link_shapes: 2, ..ReadLimits::default() };
+    read_problem_value(&small(), &LibraryOnly, &limits).unwrap();
+    for (limits, told) in [
+        (ReadLimits { max_links: 3, ..limits.clone() }, "4 links, at most 3"),
+        (ReadLimits { max_link_shapes: 1, ..limits.clone() }, "2 collision shapes, at most 1"),
+    ] {
+        let faults = read_problem_value(&small(), &LibraryOnly, &limits).unwrap_err();
+        assert_eq!(faults.len(), 1, "{}", lines(&faults));
+        assert!(has(&faults, "/workcell/robots/small/urdf_xml", FaultCode::TooLarge), "{}", lines(&faults));
+        assert!(faults[0].message.contains(told), "{}", faults[0].message);
+    }
+}
+
+#[test]
+fn links_that_clump_together_are_refused_when_they_take_too_long() {
+    // A wrist around all of the arm: the one pair that no joint joins overlaps always.
+    let ball =
+        "<link name=\"wrist\"><collision><geometry><sphere radius=\"2\"/></geometry></collision></link>";
+    let mut document = small();
+    document["workcell"]["robots"]["small"]["urdf_xml"] =
+        json!(SMALL_URDF.replace("<link name=\"wrist\"/>", ball));
+    let arm = document["workcell"]["arms"][0].clone();
+    for (id, x) in [("b", 20.0), ("c", 40.0)] {
+        let mut arm = arm.clone();
+        arm["id"] = json!(id);
+        arm["base"] = json!({ "position": { "x": x, "y": 0.0, "z": 0.0 } });
+        document["workcell"]["arms"].as_array_mut().unwrap().push(arm);
+    }
+    let robots = KnownRobots::new();
+    let resources = Remembering { resources: &LibraryOnly, robots: &robots };
+    let pointer = "/workcell/robots/small/urdf_xml";
+    // About 100 units in each of 951 configurations, whoever has looked before and however many arms ask.
+    for (work, refused) in [(10_000, true), (10_000, true), (200_000, false)] {
+        let limits = ReadLimits { max_overlap_work: work, ..ReadLimits::default() };
+        let fresh = read_problem_value(&document, &LibraryOnly, &limits).err().unwrap_or_default();
+        assert_eq!(has(&fresh, pointer, FaultCode::TooLarge), refused, "{}", lines(&fresh));
+        let told = fresh.iter().filter(|fault| fault.code == FaultCode::TooLarge).count();
+        assert_eq!(told, usize::from(refused));
+        if refused {
+            let again = read_problem_value(&document, &resources, &limits).unwrap_err();
+            assert_eq!(lines(&again), lines(&fresh));
+        }
+    }
+    // What has been found out costs a document as much as what has not.
+    let robots = KnownRobots::new();
+    let resources = Remembering { resources: &LibraryOnly, robots: &robots };
+    document["workcell"]["arms"][1]["limits"] = json!({ "swing": { "upper": 1.0 } });
+    let limits = ReadLimits { max_overlap_work: 150_000, ..ReadLimits::default() };
+    for _ in 0..2 {
+        let faults = read_problem_value(&document, &resources, &limits).unwrap_err();
+        assert!(has(&faults, pointer, FaultCode::TooLarge), "{}", lines(&faults));
+    }
+}
+
+#[test]
+fn allowed_contacts_are_bounded_in_what_they_stand_for() {
+    let mut document = switch();
+    let both = [json!(["arm_1", "arm_2"]), json!(["arm_2", "arm_1"])];
+    let mut pairs: Vec<Value> = both.iter().cycle().take(8000).cloned().collect();
+    pairs.push(json!(["arm_1", "nobody"]));
+    document["workcell"]["allowed_contacts"] = json!(pairs);
+    assert!(has(&read(&document).unwrap_err(), "/workcell/allowed_contacts/8000/1", FaultCode::UnknownBody));
+    // Seven arms of 256 links each.
+    let link = |index: usize| format!("<link name=\"l{index}\"/>");
+    let joint = |index: usize| {
+        format!(
+            "<joint name=\"j{index}\" type=\"revolute\"><parent link=\"l{}\"/><child link=\"l{index}\"/>\
+             <axis xyz=\"0 0 1\"/><limit lower=\"-1\" upper=\"1\" velocity=\"1\" effort=\"1\"/></joint>",
+            index - 1
+        )
+    };
+    let (links, joints): (String, String) = ((0..256).map(link).collect(), (1..256).map(joint).collect());
+    let mut document = small();
+    document["workcell"]["robots"]["small"]["urdf_xml"] =
+        json!(format!("<robot name=\"r\">{links}{joints}</robot>"));
+    let arms: Vec<Value> = (0..7)
+        .map(|index| {
+            json!({ "id": format!("a{index}"), "robot": "small", "base": {}, "tool": { "mount_link": "l255" } })
+        })
+        .collect();
+    document["workcell"]["arms"] = json!(arms);
+    let pairs: Vec<Value> = (0..7)
+        .flat_map(|one| (0..one).map(move |other| json!([format!("a{one}"), format!("a{other}")])))
+        .collect();
+    document["workcell"]["allowed_contacts"] = json!(pairs);
+    let faults = read(&document).unwrap_err();
+    assert_eq!(faults.len(), 1, "{}", lines(&faults));
+    assert!(has(&faults, "/workcell/allowed_contacts", FaultCode::TooLarge), "{}", lines(&faults));
 }
 
 #[test]
