@@ -125,7 +125,7 @@ fn files_beside_the_problem_are_read_and_others_are_not() {
     }
     let robot = |urdf: &str| serde_json::json!({ "urdf": urdf, "srdf": "robots/iiwa14.srdf" });
     let beside = changed(&problem, "beside.json", |document| {
-        document["workcell"]["robots"]["iiwa14"] = robot("robots/iiwa14.urdf");
+        document["workcell"]["robots"]["iiwa14"] = robot("robots/../robots/iiwa14.urdf");
     });
     let outside = changed(&problem, "outside.json", |document| {
         document["workcell"]["robots"]["iiwa14"] = robot("../../etc/passwd");

@@ -9,6 +9,9 @@ use super::graph::Slot;
 /// Two poses of one class closer than this (m, rad) are one slot.
 const SAME_PLACE: f64 = 1.0e-4;
 const SAME_TURN: f64 = 1.0e-3;
+/// An object no farther (m, rad) from its goal is there: nineteen twentieths of what the judge allows.
+const AT_GOAL: f64 = 0.95e-3;
+const GOAL_TURN: f64 = 0.475 * std::f64::consts::PI / 180.0;
 /// Turns that stand for the infinitely many of a cylinder.
 const TURNS: usize = 8;
 
@@ -42,11 +45,15 @@ impl Slots {
                 continue;
             };
             let object = &problem.objects[index];
+            let is_there = |slot: &Slot| {
+                slot.start_of == Some(ObjectId(index))
+                    && is_within(object, &slot.pose, pose, (AT_GOAL, GOAL_TURN))
+            };
             let same = out.slots.iter().position(|slot| {
                 slot.class == object.class
                     && slot.surface == *surface
                     && slot.goal_of.is_none()
-                    && is_same(object, &slot.pose, pose)
+                    && (is_same(object, &slot.pose, pose) || is_there(slot))
             });
             let number = same.unwrap_or_else(|| {
                 let class = object.class;
@@ -145,7 +152,12 @@ pub(super) fn resting_poses(object: &ObjectModel, pose: &Pose, surface: &Surface
 
 /// Whether an object at `a` is at `b`, up to its symmetry.
 fn is_same(object: &ObjectModel, a: &Pose, b: &Pose) -> bool {
-    if (a.translation.vector - b.translation.vector).norm() > SAME_PLACE {
+    is_within(object, a, b, (SAME_PLACE, SAME_TURN))
+}
+
+/// The same up to a distance (m) and a turn (rad).
+fn is_within(object: &ObjectModel, a: &Pose, b: &Pose, (off, most_turn): (f64, f64)) -> bool {
+    if (a.translation.vector - b.translation.vector).norm() > off {
         return false;
     }
     let turn = b.rotation.inverse() * a.rotation;
@@ -153,10 +165,10 @@ fn is_same(object: &ObjectModel, a: &Pose, b: &Pose) -> bool {
         Symmetry::Sphere => true,
         Symmetry::CylinderZ => {
             let axis = turn * Vec3::z();
-            axis.z.abs() >= SAME_TURN.cos()
+            axis.z.abs() >= most_turn.cos()
         }
         Symmetry::None | Symmetry::Box => {
-            object.symmetry_rotations.iter().any(|rotation| rotation.angle_to(&turn) <= SAME_TURN)
+            object.symmetry_rotations.iter().any(|rotation| rotation.angle_to(&turn) <= most_turn)
         }
     }
 }

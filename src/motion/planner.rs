@@ -128,6 +128,11 @@ impl<'a> StepPlanner<'a> {
         self.is_hasty = is_hasty;
     }
 
+    /// Where the arms move.
+    pub fn world(&self) -> &'a CollisionWorld {
+        self.world
+    }
+
     /// The roadmaps, by arm.
     pub fn roadmaps(&self) -> &[Roadmap] {
         &self.roadmaps

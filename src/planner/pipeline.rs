@@ -1,6 +1,6 @@
 //! From a problem to judged incumbents.
 
-use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Condvar, Mutex, OnceLock, PoisonError};
 use std::time::Duration;
 
@@ -12,7 +12,7 @@ use crate::plan::{Metrics, Plan, StepsProof};
 use crate::problem::{Objective, Problem};
 use crate::run::{CancelToken, Control, Deadline, Seed};
 use crate::search::{Candidate, Map, Report, Search, Settings};
-use crate::transition::{Contacts, SampledReach};
+use crate::transition::SampledReach;
 use crate::verify::verify_unless;
 
 use super::cache::PlannerCache;
@@ -93,11 +93,9 @@ fn run(
         }
     };
     let others: [OnceLock<Map>; MOST_CROWDINGS] = Default::default();
-    let begin = |map, contacts| {
-        let (settings, roadmaps) = (Settings::default(), compiled.roadmaps().to_vec());
-        Search::new(problem, &world, map, contacts, roadmaps, settings, seed, control)
-    };
-    let mut search = begin(&map, reach.into_contacts());
+    let (settings, roadmaps) = (Settings::default(), compiled.roadmaps().to_vec());
+    let mut search =
+        Search::new(problem, &world, &map, reach.into_contacts(), roadmaps, settings, seed, control);
     // Where the guidance knows a way there is one, and the proof of how few steps it takes can wait for a candidate.
     let bound = OnceLock::new();
     if !search.knows_a_way() {
@@ -111,7 +109,7 @@ fn run(
     }
     // A plan in hand may do at once what is found here not to go together.
     if known.is_none() {
-        search = settle(search, &others, &begin, control);
+        search = settle(search, &others, control);
     }
     let run = Run {
         problem,
@@ -119,7 +117,7 @@ fn run(
         roadmaps: compiled.roadmaps(),
         map: Mutex::new(search.map()),
         others: &others,
-        begin: &begin,
+        settles: AtomicBool::new(false),
         control,
         known,
         bound,
@@ -148,19 +146,11 @@ fn run(
     outcome
 }
 
-/// Makes a search of a map and the contacts known.
-type Begin<'a> = dyn Fn(&'a Map, Contacts<'a>) -> Search<'a> + Sync + 'a;
-
 /// `search`, or one like it on a mode graph to which it was added what cannot be done at once on the way that it
 /// sets out on, unless that leaves no way. The maps are kept in `maps`.
-fn settle<'a>(
-    mut search: Search<'a>,
-    maps: &'a [OnceLock<Map>],
-    begin: &Begin<'a>,
-    control: &Control,
-) -> Search<'a> {
+fn settle<'a>(mut search: Search<'a>, maps: &'a [OnceLock<Map>], control: &Control) -> Search<'a> {
     while let Some(map) = crowded_map(&mut search, maps, control) {
-        let next = begin(map, search.contacts().clone());
+        let next = search.anew_on(map, control);
         if !next.knows_a_way() {
             break;
         }
@@ -188,18 +178,24 @@ pub fn settled_mode_graph<'a>(
     graph: ModeGraph,
     reach: SampledReach<'a>,
     seed: Seed,
-    control: &'a Control,
+    control: &Control,
 ) -> ModeGraph {
     let Ok(map) = Map::new(graph.clone()) else { return graph };
     let others: [OnceLock<Map>; MOST_CROWDINGS] = Default::default();
     // What is asked here takes no motions.
-    let begin = |map, contacts| {
-        let settings = Settings::default();
-        let mut search = Search::new(problem, world, map, contacts, Vec::new(), settings, seed, control);
+    let (contacts, settings) = (reach.into_contacts(), Settings::default());
+    let mut search = Search::new(problem, world, &map, contacts, Vec::new(), settings, seed, control);
+    if search.looks_for_crowding() {
         search.examine(control);
-        search
-    };
-    let search = settle(begin(&map, reach.into_contacts()), &others, &begin, control);
+        while let Some(map) = crowded_map(&mut search, &others, control) {
+            let mut next = search.anew_on(map, control);
+            if !next.knows_a_way() {
+                break;
+            }
+            next.examine(control);
+            search = next;
+        }
+    }
     search.map().graph().clone()
 }
 
@@ -234,9 +230,9 @@ struct Run<'a, 'o> {
     roadmaps: &'a [Roadmap],
     /// What threads that join search on.
     map: Mutex<&'a Map>,
-    /// Places for further maps, and how a search begins on one.
+    /// Places for further maps, and whether a thread has set about filling them.
     others: &'a [OnceLock<Map>],
-    begin: &'a Begin<'a>,
+    settles: AtomicBool,
     control: &'a Control,
     /// A plan to begin from.
     known: Option<&'a Plan>,
@@ -307,24 +303,27 @@ impl<'a> Run<'a, '_> {
     /// that knows so.
     fn settle_for_less(&self, mut search: Search<'a>) -> Search<'a> {
         let Some(plan) = self.lock(|board| board.best.clone()) else { return search };
-        loop {
+        while !self.should_stop() && search.looks_for_crowding() {
             search.examine(self.control);
             if !search.wants_fewer_steps() {
-                return search;
+                break;
             }
-            let Some(map) = crowded_map(&mut search, self.others, self.control) else { return search };
-            let mut next = (self.begin)(map, search.contacts().clone());
+            let Some(map) = crowded_map(&mut search, self.others, self.control) else { break };
+            let mut next = search.anew_on(map, self.control);
             if !next.knows_a_way() || next.resume(&plan, self.control).is_err() {
-                return search;
+                break;
             }
             next.examine(self.control);
             // What was done once can be done.
             if next.certificate().is_none_or(|proved| proved.lower_bound > plan.metrics.steps) {
-                return search;
+                break;
             }
             search = next;
             *self.map.lock().unwrap_or_else(PoisonError::into_inner) = map;
         }
+        // The time that this took is none in which the plan did not improve.
+        self.lock(|board| board.last_improvement = self.control.deadline.elapsed_s());
+        search
     }
 
     /// Waits until there is a plan, or for [`ALONE`].
@@ -353,6 +352,11 @@ impl<'a> Run<'a, '_> {
             search.set_incumbent(cost);
         }
         while !self.should_stop() {
+            let map = *self.map.lock().unwrap_or_else(PoisonError::into_inner);
+            if !std::ptr::eq(map, search.map()) {
+                search = search.anew_on(map, self.control);
+                own = None;
+            }
             // What another thread has found goes on here, too.
             let others = self.lock(|board| match board.cost {
                 Some(cost) if own != Some(cost) => {
@@ -373,7 +377,7 @@ impl<'a> Run<'a, '_> {
                     if let Some(cost) = self.judge(&candidate, certificate.as_ref()) {
                         search.accept(cost);
                         own = Some(cost);
-                        if !self.others_may_join() && !self.should_stop() {
+                        if !self.others_may_join() && !self.settles.swap(true, Ordering::Relaxed) {
                             search = self.settle_for_less(search);
                         }
                         self.let_others_join();

@@ -275,3 +275,16 @@ fn smart_needs_at_most_half_the_steps_of_sequential() {
     // Every object is taken, handed over and put down at least.
     assert!(sequential >= 3 * problem.objects.len(), "{sequential}");
 }
+
+/// What the judge takes for its goal needs no plan.
+#[test]
+fn who_is_nearly_at_the_goal_is_there() {
+    let mut document = shipped("side_to_side/2x2");
+    document["goal"] = document["initial"].clone();
+    for goal in document["goal"].as_object_mut().unwrap().values_mut() {
+        let x = &mut goal["pose"]["position"]["x"];
+        *x = json!(x.as_f64().unwrap() + 0.0009);
+    }
+    let plan = solve(&read(&document), 0);
+    assert!(plan.actions.is_empty());
+}

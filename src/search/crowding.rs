@@ -95,13 +95,18 @@ impl Look<'_> {
 }
 
 impl Search<'_> {
+    /// Whether [`Self::crowding`] looks at anything.
+    pub fn looks_for_crowding(&self) -> bool {
+        let is_smart = matches!(self.problem.options.guidance, GuidanceKind::Smart);
+        is_smart && self.asks_freely() && !self.tree[0].is_goal
+    }
+
     /// The first two actions in one step of the way from the start that were not found to go together, in
     /// any holds in which both objects can be carried straight to their goals. Looked for where the guidance is for
     /// all objects at once and they are few. The way is kept for the next iteration, with chains in other holds where those
     /// leave room.
     pub fn crowding(&mut self, control: &Control) -> Option<[CarryEnd; 2]> {
-        let is_smart = matches!(self.problem.options.guidance, GuidanceKind::Smart);
-        if !is_smart || !self.asks_freely() || self.tree[0].is_goal {
+        if !self.looks_for_crowding() {
             return None;
         }
         if self.tree[0].guided_at != self.version {

@@ -149,6 +149,13 @@ impl<'a> Search<'a> {
         search
     }
 
+    /// A search like this one, with what it knows of contacts and roadmaps, that begins from the start on another map.
+    pub fn anew_on(&self, map: &'a Map, control: &Control) -> Self {
+        let (contacts, roadmaps) = (self.contacts().clone(), self.planner.roadmaps().to_vec());
+        let (world, settings) = (self.planner.world(), self.settings.clone());
+        Self::new(self.problem, world, map, contacts, roadmaps, settings, self.seed, control)
+    }
+
     /// The mode graph with its network.
     pub fn map(&self) -> &'a Map {
         self.map

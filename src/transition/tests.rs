@@ -139,15 +139,17 @@ fn contacts_that_are_sampled_later_are_looked_at_too() {
     problem.options.ik_solutions = 1;
     let world = CollisionWorld::new(&problem);
     let mut contacts = Contacts::new(&problem, &world, Seed(1).stream("contacts"));
-    let resting = problem.initial.iter().enumerate().filter_map(|(index, initial)| match initial {
-        InitialPlacement::Resting { pose, .. } => Some((ObjectId(index), *pose)),
-        InitialPlacement::Held { .. } => None,
-    });
-    let scene = Scene { resting: resting.collect() };
-    let mut late = 0;
+    let (mut late, mut poses) = (0, Vec::new());
     for query in queries(&problem) {
+        let arm = &problem.workcell.arms[query.arm.0];
+        let other = ObjectId((query.object.0 + 1) % problem.objects.len());
         for (_, hold) in contacts.possible_holds(&query) {
-            if !contacts.has(&query, &hold) || contacts.is_clear_of(&query, &hold, &scene) {
+            let Some(first) = contacts.nth(&query, &hold, 0) else { continue };
+            // Another object where the forearm is, which the arm may pass with its elbow elsewhere.
+            arm.model.link_poses(&first.q, &mut poses);
+            let Some(link) = arm.model.link_index("link_5") else { continue };
+            let scene = Scene { resting: vec![(other, arm.base * poses[link])] };
+            if contacts.is_clear_of(&query, &hold, &scene) {
                 continue;
             }
             for _ in 0..4 {

@@ -24,5 +24,5 @@ pub use problem::{
     KnownRobots, ReadLimits, ReadProblem, read_around_workcell, read_problem, read_problem_value,
 };
 pub use reader::is_id;
-pub use resources::{Folder, LibraryOnly, Remembering, ResourceError, Resources, Scope, normalise};
+pub use resources::{Folder, LibraryOnly, Remembering, ResourceError, Resources, normalise};
 pub use workcell::{ReadWorkcell, read_workcell_value, unknown_workcell, with_workcell, workcell_reference};

@@ -8,30 +8,16 @@ use super::problem::KnownRobots;
 /// no network and start no process.
 pub trait Resources {
     /// The bytes at `path`, a path with forward slashes relative to the document's folder or bundle, as [`resolve_uri`] gives
-    /// it: not absolute, and with `..` at most at its beginning, and there only as far as [`Self::scope`] lets paths lead.
+    /// it: neither absolute nor with `..`.
     ///
     /// # Errors
     /// Says why it cannot be had.
     fn read(&self, path: &str, max_bytes: usize) -> Result<Vec<u8>, ResourceError>;
 
-    /// How far paths may lead.
-    fn scope(&self) -> Scope {
-        Scope::Inside
-    }
-
     /// The robots of documents that were read before, where they are kept.
     fn known_robots(&self) -> Option<&KnownRobots> {
         None
     }
-}
-
-/// How far relative paths may lead.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Scope {
-    /// Into the document's folder or bundle, and what is below it.
-    Inside,
-    /// Into the folders above it as well: for documents and files that are the reader's own.
-    Above,
 }
 
 /// Why a file could not be had.
@@ -86,17 +72,13 @@ impl Resources for Remembering<'_> {
         self.resources.read(path, max_bytes)
     }
 
-    fn scope(&self) -> Scope {
-        self.resources.scope()
-    }
-
     fn known_robots(&self) -> Option<&KnownRobots> {
         Some(self.robots)
     }
 }
 
-/// Files in one folder, below it, and where a path says so in the folders above it: for the command line, with the problem
-/// file's folder. A path never leads farther up than it says, not by a link either.
+/// Files in one folder and below it: for the command line, with the problem file's folder. A path never leads out of it, not by
+/// a link either.
 #[derive(Debug, Clone)]
 pub struct Folder {
     root: PathBuf,
@@ -111,16 +93,14 @@ impl Folder {
 
 impl Resources for Folder {
     fn read(&self, path: &str, max_bytes: usize) -> Result<Vec<u8>, ResourceError> {
-        let parts = fold(parts_of(path)?, Scope::Above)?;
+        let parts = fold(parts_of(path)?)?;
         let find = |error: std::io::Error| match error.kind() {
             std::io::ErrorKind::NotFound => ResourceError::NotFound,
             kind => ResourceError::Unreadable(kind),
         };
         let root = self.root.canonicalize().map_err(find)?;
-        let up = parts.iter().take_while(|part| **part == PARENT).count();
-        let top = root.ancestors().nth(up).ok_or(ResourceError::Outside)?;
-        let file = top.join(parts[up..].join("/")).canonicalize().map_err(find)?;
-        if !file.starts_with(top) {
+        let file = root.join(parts.join("/")).canonicalize().map_err(find)?;
+        if !file.starts_with(&root) {
             return Err(ResourceError::Outside);
         }
         let metadata = file.metadata().map_err(find)?;
@@ -131,10 +111,6 @@ impl Resources for Folder {
             return Err(ResourceError::TooLarge(max_bytes));
         }
         std::fs::read(&file).map_err(find)
-    }
-
-    fn scope(&self) -> Scope {
-        Scope::Above
     }
 }
 
@@ -150,16 +126,12 @@ fn parts_of(path: &str) -> Result<Vec<&str>, ResourceError> {
     Ok(path.split('/').filter(|part| !matches!(*part, "" | ".")).collect())
 }
 
-/// The parts without those that a `..` after them takes back. What is left of `..` stands at the beginning, and only where
-/// `scope` lets the path lead there.
-fn fold(parts: Vec<&str>, scope: Scope) -> Result<Vec<&str>, ResourceError> {
+/// The parts without those that a `..` after them takes back.
+fn fold(parts: Vec<&str>) -> Result<Vec<&str>, ResourceError> {
     let mut folded: Vec<&str> = Vec::with_capacity(parts.len());
     for part in parts {
-        let takes_back = part == PARENT && folded.last().is_some_and(|last| *last != PARENT);
-        if takes_back {
-            folded.pop();
-        } else if part == PARENT && scope == Scope::Inside {
-            return Err(ResourceError::Outside);
+        if part == PARENT {
+            folded.pop().ok_or(ResourceError::Outside)?;
         } else {
             folded.push(part);
         }
@@ -181,45 +153,40 @@ pub fn normalise(path: &str) -> Result<String, ResourceError> {
 
 /// The path, relative to the document, that `uri` means when it stands in a file of folder `base` (relative to the document
 /// as well; empty for the document itself). `packages` maps package names to folders. What counts is where the whole path
-/// leads: `..` may take back parts of the folder, but may not lead farther than `scope` allows.
+/// leads: `..` may take back parts of the folder, but may not lead out of the document's.
 ///
 /// # Errors
-/// When it leads too far, is absolute, names an unknown package, or has another scheme.
-pub fn resolve_uri(
-    uri: &str,
-    base: &str,
-    packages: &[(String, String)],
-    scope: Scope,
-) -> Result<String, ResourceError> {
+/// When it leads out, is absolute, names an unknown package, or has another scheme.
+pub fn resolve_uri(uri: &str, base: &str, packages: &[(String, String)]) -> Result<String, ResourceError> {
     if let Some(rest) = uri.strip_prefix("package://") {
         let (name, path) = rest.split_once('/').ok_or(ResourceError::NotRelative)?;
         let (_, folder) =
             packages.iter().find(|(package, _)| package == name).ok_or(ResourceError::UnknownPackage)?;
-        return join(folder, path, scope);
+        return join(folder, path);
     }
     if uri.contains("://") {
         return Err(ResourceError::UnknownScheme);
     }
-    join(base, uri, scope)
+    join(base, uri)
 }
 
 /// The file at `path` as seen from `folder`.
-fn join(folder: &str, path: &str, scope: Scope) -> Result<String, ResourceError> {
+fn join(folder: &str, path: &str) -> Result<String, ResourceError> {
     let path = parts_of(path)?;
     if path.last().is_none_or(|name| *name == PARENT) {
         return Err(ResourceError::NotRelative);
     }
     let mut parts = parts_of(folder)?;
     parts.extend(path);
-    Ok(fold(parts, scope)?.join("/"))
+    Ok(fold(parts)?.join("/"))
 }
 
 /// Whether `folder` is one that paths may lead into; empty for the document's own.
 ///
 /// # Errors
-/// When it is absolute or leads farther than `scope` allows.
-pub fn check_folder(folder: &str, scope: Scope) -> Result<(), ResourceError> {
-    fold(parts_of(folder)?, scope).map(|_| ())
+/// When it is absolute or leads out of the document's.
+pub fn check_folder(folder: &str) -> Result<(), ResourceError> {
+    fold(parts_of(folder)?).map(|_| ())
 }
 
 /// The folder part of a relative path; empty when it has none.
@@ -246,7 +213,7 @@ mod tests {
     #[test]
     fn uris_resolve_through_the_map_only() {
         let packages = [("arm".to_owned(), "robots/arm".to_owned()), ("bad".to_owned(), "..".to_owned())];
-        let resolve = |uri| resolve_uri(uri, "robots", &packages, Scope::Inside);
+        let resolve = |uri| resolve_uri(uri, "robots", &packages);
         assert_eq!(resolve("package://arm/meshes/a.stl"), Ok("robots/arm/meshes/a.stl".to_owned()));
         assert_eq!(resolve("meshes/a.stl"), Ok("robots/meshes/a.stl".to_owned()));
         assert_eq!(resolve("package://other/a.stl"), Err(ResourceError::UnknownPackage));
@@ -261,36 +228,26 @@ mod tests {
 
     #[test]
     fn what_counts_is_where_the_whole_path_leads() {
-        let resolve = |uri, scope| resolve_uri(uri, "robots/urdf", &[], scope);
-        for scope in [Scope::Inside, Scope::Above] {
-            let inside = |uri| resolve(uri, scope);
-            assert_eq!(inside("../meshes/t.obj"), Ok("robots/meshes/t.obj".to_owned()));
-            assert_eq!(inside("a/../../x"), Ok("robots/x".to_owned()));
-            assert_eq!(inside("./..//../x/./y"), Ok("x/y".to_owned()));
-            // Nothing is decoded: these are names of folders.
-            assert_eq!(inside("%2e%2e/x"), Ok("robots/urdf/%2e%2e/x".to_owned()));
-            assert_eq!(inside("..%2fx"), Ok("robots/urdf/..%2fx".to_owned()));
-            assert_eq!(inside(".../x"), Ok("robots/urdf/.../x".to_owned()));
-            for uri in ["/etc/passwd", "..\\x", "..\\..\\..\\x", "C:x", "", ".", "..", "x/..", "../x\0"] {
-                assert_eq!(inside(uri), Err(ResourceError::NotRelative), "{uri:?}");
-            }
+        let inside = |uri| resolve_uri(uri, "robots/urdf", &[]);
+        assert_eq!(inside("../meshes/t.obj"), Ok("robots/meshes/t.obj".to_owned()));
+        assert_eq!(inside("a/../../x"), Ok("robots/x".to_owned()));
+        assert_eq!(inside("./..//../x/./y"), Ok("x/y".to_owned()));
+        // Nothing is decoded: these are names of folders.
+        assert_eq!(inside("%2e%2e/x"), Ok("robots/urdf/%2e%2e/x".to_owned()));
+        assert_eq!(inside("..%2fx"), Ok("robots/urdf/..%2fx".to_owned()));
+        assert_eq!(inside(".../x"), Ok("robots/urdf/.../x".to_owned()));
+        for uri in ["/etc/passwd", "..\\x", "..\\..\\..\\x", "C:x", "", ".", "..", "x/..", "../x\0"] {
+            assert_eq!(inside(uri), Err(ResourceError::NotRelative), "{uri:?}");
         }
         for uri in ["../../../x", "a/../../../../x", "../../../robots/urdf/x"] {
-            assert_eq!(resolve(uri, Scope::Inside), Err(ResourceError::Outside), "{uri:?}");
+            assert_eq!(inside(uri), Err(ResourceError::Outside), "{uri:?}");
         }
-        assert_eq!(resolve("../../../x", Scope::Above), Ok("../x".to_owned()));
-        assert_eq!(resolve("../../../../y/../x", Scope::Above), Ok("../../x".to_owned()));
-        let beside = |uri, scope| resolve_uri(uri, "../robots/urdf", &[], scope);
-        assert_eq!(beside("../meshes/t.obj", Scope::Above), Ok("../robots/meshes/t.obj".to_owned()));
-        assert_eq!(beside("../meshes/t.obj", Scope::Inside), Err(ResourceError::Outside));
         // From the document itself.
-        assert_eq!(resolve_uri("a/../../x", "", &[], Scope::Inside), Err(ResourceError::Outside));
-        assert_eq!(resolve_uri("a/../../x", "", &[], Scope::Above), Ok("../x".to_owned()));
-        assert_eq!(resolve_uri("a/../x", "", &[], Scope::Inside), Ok("x".to_owned()));
-        assert!(check_folder("", Scope::Inside).is_ok() && check_folder("a/..", Scope::Inside).is_ok());
-        assert_eq!(check_folder("../p", Scope::Inside), Err(ResourceError::Outside));
-        assert!(check_folder("../p", Scope::Above).is_ok());
-        assert_eq!(check_folder("/p", Scope::Above), Err(ResourceError::NotRelative));
+        assert_eq!(resolve_uri("a/../../x", "", &[]), Err(ResourceError::Outside));
+        assert_eq!(resolve_uri("a/../x", "", &[]), Ok("x".to_owned()));
+        assert!(check_folder("").is_ok() && check_folder("a/..").is_ok());
+        assert_eq!(check_folder("../p"), Err(ResourceError::Outside));
+        assert_eq!(check_folder("/p"), Err(ResourceError::NotRelative));
     }
 
     #[test]

@@ -13,7 +13,7 @@ const EQUAL_EXTENT: f64 = 1.0e-9;
 
 /// As much (m) makes no difference where an object counts as the box around it: more than the numbers
 /// of a mesh are rounded by, and less than any pose is met to.
-const NO_DIFFERENCE: f64 = 1.0e-6;
+const NO_DIFFERENCE: f64 = 1.0e-4;
 
 /// Why an object has no such symmetry.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]

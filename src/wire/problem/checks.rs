@@ -18,6 +18,8 @@ use crate::workcell::{
 /// How far an object may be from its goal (m, rad), as the judge has it.
 const POSITION_TOLERANCE: f64 = 1.0e-3;
 const ANGLE_TOLERANCE: f64 = 0.5 * std::f64::consts::PI / 180.0;
+/// The share of these within which an object counts as at its goal from the start.
+const AT_GOAL: f64 = 0.95;
 
 /// An object in its place, for collision checks.
 struct PlacedObject<'d> {
@@ -319,7 +321,7 @@ fn is_there(object: &ObjectModel, start: &Start, placement: Option<&InitialPlace
     match (start, end) {
         (Start::Pose(start), End::Pose(end)) => {
             let off = (start.translation.vector - end.translation.vector).norm();
-            off <= POSITION_TOLERANCE && least_turn(object, start, end) <= ANGLE_TOLERANCE
+            off <= AT_GOAL * POSITION_TOLERANCE && least_turn(object, start, end) <= AT_GOAL * ANGLE_TOLERANCE
         }
         (Start::Pose(_), End::Surface(end)) => {
             matches!(placement, Some(InitialPlacement::Resting { surface, .. }) if surface.0 == *end)

@@ -76,7 +76,10 @@ pub fn settle(
         if context.faults.count() > before {
             (*slot, *start) = (None, None);
         }
-        assumed.push(context.bare && !(is_good && stated.is_there(index)));
+        let is_whole = slot
+            .as_ref()
+            .is_some_and(|arm| arm.model.joints.iter().all(|joint| stated.gives(index, &joint.name)));
+        assumed.push(context.bare && !(is_good && is_whole));
     }
     assumed
 }

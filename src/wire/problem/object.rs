@@ -85,8 +85,9 @@ fn read_object(
         Ok(rotations) => rotations,
         Err(error) => {
             let pointer = symmetry_node.unwrap_or_else(|| node.clone()).pointer;
-            context.faults.push(pointer, FaultCode::OutOfRange, error.to_string());
-            return None;
+            let message = format!("{error}; until then the object has to be turned as its goal says");
+            context.faults.warn(pointer, FaultCode::OutOfRange, message);
+            vec![nalgebra::UnitQuaternion::identity()]
         }
     };
     Some(ObjectModel {

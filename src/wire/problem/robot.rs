@@ -17,7 +17,7 @@ use crate::kinematics::{
 use crate::wire::digest::sha256;
 use crate::wire::fault::FaultCode;
 use crate::wire::reader::{Fields, Node, Range, shown};
-use crate::wire::resources::{ResourceError, Scope, check_folder, folder_of, resolve_uri};
+use crate::wire::resources::{ResourceError, check_folder, folder_of, resolve_uri};
 use crate::workcell::contacts::GroupPair;
 
 /// Greatest magnitude of a joint value, velocity or acceleration in an override.
@@ -190,7 +190,7 @@ fn read_robot(name: &str, node: &Node<'_>, context: &mut Context<'_>) -> Option<
                     Some(Source { text: robot.srdf.to_owned(), pointer: reference.pointer.clone() });
                 Some(Source { text: robot.urdf.to_owned(), pointer: reference.pointer })
             } else {
-                let path = resolve_uri(text, "", &[], context.resources.scope());
+                let path = resolve_uri(text, "", &[]);
                 folder = path.map(|path| folder_of(&path).to_owned()).unwrap_or_default();
                 read_text_file(&reference, context, FaultCode::BadUrdf)
             }
@@ -215,7 +215,7 @@ fn read_inline(node: &Node<'_>, context: &mut Context<'_>) -> Option<Source> {
 
 fn read_text_file(node: &Node<'_>, context: &mut Context<'_>, code: FaultCode) -> Option<Source> {
     let path = node.string(&mut context.faults)?;
-    let path = resolve_uri(path, "", &[], context.resources.scope());
+    let path = resolve_uri(path, "", &[]);
     let bytes = context.read_file(node, path, context.limits.max_urdf_bytes)?;
     match String::from_utf8(bytes) {
         Ok(text) => Some(Source { text, pointer: node.pointer.clone() }),
@@ -245,7 +245,7 @@ fn read_packages(fields: &mut Fields<'_>, context: &mut Context<'_>) -> Vec<(Str
     let mut packages = Vec::new();
     for (name, node) in node.entries(&mut context.faults) {
         if let Some(folder) = node.string(&mut context.faults) {
-            match check_folder(folder, context.resources.scope()) {
+            match check_folder(folder) {
                 Ok(()) => packages.push((name.to_owned(), folder.to_owned())),
                 Err(error) => context.unread(&node, &error),
             }
@@ -566,15 +566,14 @@ fn faulty_joint(error: &UrdfError) -> Option<&str> {
 struct UrdfMeshes<'a> {
     meshes: Rc<Meshes<'a>>,
     spec: &'a RobotSpec,
-    scope: Scope,
     digests: RefCell<BTreeMap<String, String>>,
     asked: Cell<bool>,
 }
 
 impl<'a> UrdfMeshes<'a> {
     fn new(context: &Context<'a>, spec: &'a RobotSpec) -> Self {
-        let (meshes, scope) = (Rc::clone(&context.meshes), context.resources.scope());
-        Self { meshes, spec, scope, digests: RefCell::default(), asked: Cell::new(false) }
+        let meshes = Rc::clone(&context.meshes);
+        Self { meshes, spec, digests: RefCell::default(), asked: Cell::new(false) }
     }
 
     /// Whether nobody asked for a mesh.
@@ -599,7 +598,7 @@ impl<'a> UrdfMeshes<'a> {
 impl MeshResolver for UrdfMeshes<'_> {
     fn hull(&self, uri: &str, scale: &Vec3) -> Result<Arc<ConvexHull>, MeshError> {
         self.asked.set(true);
-        let path = resolve_uri(uri, &self.spec.folder, &self.spec.packages, self.scope);
+        let path = resolve_uri(uri, &self.spec.folder, &self.spec.packages);
         let mesh = path.and_then(|path| self.meshes.get(&path, scale)).map_err(|error| match error {
             ResourceError::TooLarge(_) => MeshError::TooLarge,
             _ => MeshError::Unresolved,

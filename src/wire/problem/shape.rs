@@ -84,7 +84,7 @@ fn mesh(fields: &mut Fields<'_>, context: &mut Context<'_>) -> Option<Shape> {
         None => Vec3::repeat(1.0),
     };
     let uri = node.string(&mut context.faults)?;
-    let path = resolve_uri(uri, "", &[], context.resources.scope());
+    let path = resolve_uri(uri, "", &[]);
     let mesh = match path.and_then(|path| context.meshes.get(&path, &scale)) {
         Ok(mesh) => mesh,
         Err(error) => {

@@ -88,7 +88,7 @@ fn write(root: &Path, path: &str, text: &str) {
 }
 
 #[test]
-fn the_command_line_may_look_above_the_problem_and_the_service_may_not() {
+fn files_lie_in_the_folder_of_the_problem_or_below() {
     let place = tempfile::tempdir().unwrap();
     let root = place.path();
     write(root, "robots/urdf/arm.urdf", &urdf("../meshes/t.obj"));
@@ -96,28 +96,41 @@ fn the_command_line_may_look_above_the_problem_and_the_service_may_not() {
     write(root, "robots/meshes/t.obj", TETRAHEDRON);
     write(root, "robots/arm.srdf", "<robot name=\"small\"/>");
     std::fs::create_dir(root.join("problems")).unwrap();
-    let folder = Folder::new(root.join("problems"));
-    let srdf = "../robots/arm.srdf";
-    let robots = [
-        json!({ "urdf": "../robots/urdf/arm.urdf", "srdf": srdf }),
-        json!({ "urdf": "../robots/urdf/mapped.urdf", "package_map": { "robots": "../robots" } }),
-    ];
-    for robot in robots {
-        let document = cell(robot);
+    let (folder, below) = (Folder::new(root), Folder::new(root.join("problems")));
+    let robots = |from: &str| {
+        [
+            json!({ "urdf": format!("{from}robots/urdf/arm.urdf"), "srdf": format!("{from}robots/arm.srdf") }),
+            json!({
+                "urdf": format!("{from}robots/urdf/mapped.urdf"),
+                "package_map": { "robots": format!("{from}problems/../robots") }
+            }),
+        ]
+    };
+    for (inside, above) in robots("problems/../").into_iter().zip(robots("../")) {
+        let document = cell(inside);
         let read = with(&folder, &document).unwrap_or_else(|faults| panic!("{}", lines(&faults)));
         assert_eq!(read.problem.workcell.arms[0].model.links[0].shapes.len(), 1);
         let faults = read_problem_value(&document, &LibraryOnly, &ReadLimits::default()).unwrap_err();
         assert!(has(&faults, URDF, FaultCode::UnresolvedUri), "{}", lines(&faults));
+        let faults = with(&below, &cell(above)).unwrap_err();
+        assert!(has(&faults, URDF, FaultCode::UnresolvedUri), "{}", lines(&faults));
     }
     let mut document = small();
-    document["objects"][0]["shape"] = json!({ "type": "mesh", "uri": "../robots/meshes/t.obj" });
+    document["objects"][0]["shape"] = json!({ "type": "mesh", "uri": "robots/urdf/../meshes/t.obj" });
     document["initial"]["ball"]["pose"]["position"]["z"] = json!(0.1);
     with(&folder, &document).unwrap();
     assert!(has(&read(&document).unwrap_err(), "/objects/0/shape/uri", FaultCode::UnresolvedUri));
     // Relative to the problem it is, here too.
     let absolute = root.join("robots/urdf/arm.urdf");
-    for path in [absolute.to_str().unwrap(), "../robots\\urdf\\arm.urdf", "robots/urdf/arm.urdf"] {
+    for path in [absolute.to_str().unwrap(), "problems\\..\\robots\\urdf\\arm.urdf", "urdf/arm.urdf"] {
         let faults = with(&folder, &cell(json!({ "urdf": path }))).unwrap_err();
         assert!(has(&faults, URDF, FaultCode::UnresolvedUri), "{path}: {}", lines(&faults));
+    }
+    // Nor does a link lead out.
+    #[cfg(unix)]
+    {
+        std::os::unix::fs::symlink(root.join("robots"), root.join("problems/robots")).unwrap();
+        let faults = with(&below, &cell(json!({ "urdf": "robots/urdf/arm.urdf" }))).unwrap_err();
+        assert!(has(&faults, URDF, FaultCode::UnresolvedUri), "{}", lines(&faults));
     }
 }
