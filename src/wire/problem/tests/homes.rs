@@ -156,5 +156,8 @@ fn a_workcell_alone_answers_for_the_homes_that_it_gives() {
     let registered = read(&document).unwrap_or_else(|faults| panic!("{}", lines(&faults)));
     assert!(has(&registered.warnings, "/arms/0", FaultCode::InitialCollision));
     set(&mut document, "/workcell/arms/0/home", json!({ "swing": 0.0 }));
+    let registered = read(&document).unwrap_or_else(|faults| panic!("{}", lines(&faults)));
+    assert!(has(&registered.warnings, "/arms/0/home", FaultCode::InitialCollision));
+    set(&mut document, "/workcell/arms/0/home/reach", json!(0.0));
     assert!(has(&read(&document).unwrap_err(), "/arms/0/home", FaultCode::InitialCollision));
 }
