@@ -287,7 +287,7 @@ impl<'a> Run<'a, '_> {
                         return;
                     }
                     let (problem, world) = (self.problem, self.world);
-                    let map = *self.map.lock().unwrap_or_else(PoisonError::into_inner);
+                    let map = self.map();
                     let search =
                         Search::new(problem, world, map, contacts, roadmaps, settings, own, self.control);
                     self.search(search);
@@ -326,6 +326,15 @@ impl<'a> Run<'a, '_> {
         search
     }
 
+    fn map(&self) -> &'a Map {
+        *self.map.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Whether `search` is on the map that the others are on, or will be.
+    fn is_up_to_date(&self, search: &Search<'a>) -> bool {
+        std::ptr::eq(self.map(), search.map())
+    }
+
     /// Waits until there is a plan, or for [`ALONE`].
     fn wait_to_join(&self) {
         let begun = self.under_way.lock().unwrap_or_else(PoisonError::into_inner);
@@ -352,9 +361,8 @@ impl<'a> Run<'a, '_> {
             search.set_incumbent(cost);
         }
         while !self.should_stop() {
-            let map = *self.map.lock().unwrap_or_else(PoisonError::into_inner);
-            if !std::ptr::eq(map, search.map()) {
-                search = search.anew_on(map, self.control);
+            if !self.is_up_to_date(&search) {
+                search = search.anew_on(self.map(), self.control);
                 own = None;
             }
             // What another thread has found goes on here, too.
@@ -373,7 +381,8 @@ impl<'a> Run<'a, '_> {
             }
             match search.iterate(self.control) {
                 Report::Candidate(candidate) => {
-                    let certificate = search.certificate().cloned();
+                    // What was proved of an older graph is not proved of this one.
+                    let certificate = search.certificate().filter(|_| self.is_up_to_date(&search)).cloned();
                     if let Some(cost) = self.judge(&candidate, certificate.as_ref()) {
                         search.accept(cost);
                         own = Some(cost);
