@@ -7,9 +7,12 @@ use crate::script::problem;
 use crate::server::Server;
 
 /// The value of a line of `/metrics`.
+fn find(text: &str, name: &str) -> Option<f64> {
+    text.lines().find_map(|line| line.strip_prefix(name)?.strip_prefix(' '))?.parse().ok()
+}
+
 fn value(text: &str, name: &str) -> f64 {
-    let line = text.lines().find_map(|line| line.strip_prefix(name)?.strip_prefix(' '));
-    line.unwrap_or_else(|| panic!("no {name} in\n{text}")).parse().unwrap()
+    find(text, name).unwrap_or_else(|| panic!("no {name} in\n{text}"))
 }
 
 #[tokio::test]
@@ -26,11 +29,7 @@ async fn figures_tell_what_happens() {
     assert_eq!(server.post("/v1/jobs", "{").await.status(), 429);
     assert_eq!(server.post("/v1/validate", "{").await.status(), 400);
     let watched = server.get(&format!("{running}/events")).await;
-    let reply = server.get("/metrics").await;
-    assert!(reply.headers()["content-type"].to_str().unwrap().starts_with("text/plain"));
-    let text = reply.text().await.unwrap();
-    drop(watched);
-    for (name, expected) in [
+    let expected = [
         ("quadrille_queue_depth", 1.0),
         ("quadrille_jobs_running", 1.0),
         ("quadrille_jobs_accepted_total", 5.0),
@@ -46,7 +45,20 @@ async fn figures_tell_what_happens() {
         ("quadrille_jobs_ended_total{state=\"FAILED\",reason=\"INTERNAL\"}", 1.0),
         ("quadrille_rejects_total{code=\"queue_full\"}", 2.0),
         ("quadrille_rejects_total{code=\"invalid_json\"}", 1.0),
-    ] {
+    ];
+    // Some are counted a moment after the event that tells of it.
+    let mut text = String::new();
+    for _ in 0..100 {
+        let reply = server.get("/metrics").await;
+        assert!(reply.headers()["content-type"].to_str().unwrap().starts_with("text/plain"));
+        text = reply.text().await.unwrap();
+        if expected.iter().all(|(name, expected)| find(&text, name) == Some(*expected)) {
+            break;
+        }
+        tokio::time::sleep(std::time::Duration::from_millis(20)).await;
+    }
+    drop(watched);
+    for (name, expected) in expected {
         assert_eq!(value(&text, name), expected, "{name}");
     }
 }
