@@ -302,20 +302,28 @@ mod tests {
         StepTask { arms: arms.into(), scene: Scene::default() }
     }
 
+    fn two_arms() -> Problem {
+        let document = generate(Family::Switch, 2, 2, 1).unwrap();
+        read_problem_value(&document, &LibraryOnly, &ReadLimits::default()).unwrap().problem
+    }
+
+    /// Free configurations of an arm, at random.
+    fn drawing(roadmaps: &[Roadmap], mut rng: Rng) -> impl FnMut(usize) -> Config {
+        let vertices: Vec<Vec<Config>> = roadmaps.iter().map(|roadmap| roadmap.vertices().to_vec()).collect();
+        move |arm| vertices[arm][rng.random_range(0..vertices[arm].len())].clone()
+    }
+
     /// Who has to come where another is busy waits for it, however long that is.
     #[test]
     fn waiting_takes_as_long_as_it_must() {
-        let document = generate(Family::Switch, 2, 2, 1).unwrap();
-        let problem = read_problem_value(&document, &LibraryOnly, &ReadLimits::default()).unwrap().problem;
+        let problem = two_arms();
         let world = CollisionWorld::new(&problem);
         let control = Control::with_budget(std::time::Duration::from_secs(600));
         let (roadmaps, _) = first_roadmaps(&problem.workcell, &world, 1, &control);
         let none = Exemption::default();
         let apart =
             |p: &[f64], q: &[f64]| world.arms_apart((ArmId(0), p, None, none), (ArmId(1), q, None, none));
-        let vertices: Vec<Vec<Config>> = roadmaps.iter().map(|roadmap| roadmap.vertices().to_vec()).collect();
-        let mut rng = Seed(5).stream("waiting");
-        let mut any = |arm: usize| vertices[arm][rng.random_range(0..vertices[arm].len())].clone();
+        let mut any = drawing(&roadmaps, Seed(5).stream("waiting"));
         let homes = [problem.workcell.arms[0].home.clone(), problem.workcell.arms[1].home.clone()];
         let (mut waited, mut failed) = (0, 0);
         for trial in 0..4000 {
@@ -345,17 +353,14 @@ mod tests {
 
     #[test]
     fn in_haste_an_arm_without_an_action_moves_only_out_of_the_way() {
-        let document = generate(Family::Switch, 2, 2, 1).unwrap();
-        let problem = read_problem_value(&document, &LibraryOnly, &ReadLimits::default()).unwrap().problem;
+        let problem = two_arms();
         let world = CollisionWorld::new(&problem);
         let control = Control::with_budget(std::time::Duration::from_secs(600));
         let (roadmaps, _) = first_roadmaps(&problem.workcell, &world, 1, &control);
         let none = Exemption::default();
         let apart =
             |p: &[f64], q: &[f64]| world.arms_apart((ArmId(0), p, None, none), (ArmId(1), q, None, none));
-        let vertices: Vec<Vec<Config>> = roadmaps.iter().map(|roadmap| roadmap.vertices().to_vec()).collect();
-        let mut rng = Seed(11).stream("idle");
-        let mut any = |arm: usize| vertices[arm][rng.random_range(0..vertices[arm].len())].clone();
+        let mut any = drawing(&roadmaps, Seed(11).stream("idle"));
         let (mut stayed, mut made_way, mut needless, mut failed) = (0, 0, 0, 0);
         for trial in 0..600 {
             let (from, to, idle, ahead) = (any(0), any(0), any(1), any(1));

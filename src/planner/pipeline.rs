@@ -109,7 +109,7 @@ fn run(
     }
     // A plan in hand may do at once what is found here not to go together.
     if known.is_none() {
-        search = settle(search, &others, control);
+        search = settle(search, &others, false, control);
     }
     let run = Run {
         problem,
@@ -147,16 +147,24 @@ fn run(
 }
 
 /// `search`, or one like it on a mode graph to which it was added what cannot be done at once on the way that it
-/// sets out on, unless that leaves no way. The maps are kept in `maps`.
-fn settle<'a>(mut search: Search<'a>, maps: &'a [OnceLock<Map>], control: &Control) -> Search<'a> {
-    while let Some(map) = crowded_map(&mut search, maps, control) {
+/// sets out on, or with the fewest steps if it `is_thorough`; unless that leaves no way. The maps are kept in `maps`.
+fn settle<'a>(
+    mut search: Search<'a>,
+    maps: &'a [OnceLock<Map>],
+    is_thorough: bool,
+    control: &Control,
+) -> Search<'a> {
+    loop {
+        if is_thorough && search.looks_for_crowding() {
+            search.examine(control);
+        }
+        let Some(map) = crowded_map(&mut search, maps, control) else { return search };
         let next = search.anew_on(map, control);
         if !next.knows_a_way() {
-            break;
+            return search;
         }
         search = next;
     }
-    search
 }
 
 /// The map of `search`, in a free place of `maps`, with what was found not to go together on its way.
@@ -184,18 +192,8 @@ pub fn settled_mode_graph<'a>(
     let others: [OnceLock<Map>; MOST_CROWDINGS] = Default::default();
     // What is asked here takes no motions.
     let (contacts, settings) = (reach.into_contacts(), Settings::default());
-    let mut search = Search::new(problem, world, &map, contacts, Vec::new(), settings, seed, control);
-    if search.looks_for_crowding() {
-        search.examine(control);
-        while let Some(map) = crowded_map(&mut search, &others, control) {
-            let mut next = search.anew_on(map, control);
-            if !next.knows_a_way() {
-                break;
-            }
-            next.examine(control);
-            search = next;
-        }
-    }
+    let search = Search::new(problem, world, &map, contacts, Vec::new(), settings, seed, control);
+    let search = settle(search, &others, true, control);
     search.map().graph().clone()
 }
 
