@@ -7,11 +7,7 @@ use crate::workcell::{ObjectId, ObjectModel, Surface, Symmetry, rests_on};
 use super::graph::Slot;
 
 /// Two poses of one class closer than this (m, rad) are one slot.
-const SAME_PLACE: f64 = 1.0e-4;
-const SAME_TURN: f64 = 1.0e-3;
-/// An object no farther (m, rad) from its goal is there: nineteen twentieths of what the judge allows.
-const AT_GOAL: f64 = 0.95e-3;
-const GOAL_TURN: f64 = 0.475 * std::f64::consts::PI / 180.0;
+const SAME_SLOT: (f64, f64) = (1.0e-4, 1.0e-3);
 /// Turns that stand for the infinitely many of a cylinder.
 const TURNS: usize = 8;
 
@@ -45,15 +41,13 @@ impl Slots {
                 continue;
             };
             let object = &problem.objects[index];
-            let is_there = |slot: &Slot| {
-                slot.start_of == Some(ObjectId(index))
-                    && is_within(object, &slot.pose, pose, (AT_GOAL, GOAL_TURN))
-            };
+            let is_there =
+                |slot: &Slot| slot.start_of == Some(ObjectId(index)) && object.is_at_goal(&slot.pose, pose);
             let same = out.slots.iter().position(|slot| {
                 slot.class == object.class
                     && slot.surface == *surface
                     && slot.goal_of.is_none()
-                    && (is_same(object, &slot.pose, pose) || is_there(slot))
+                    && (object.is_within(&slot.pose, pose, SAME_SLOT) || is_there(slot))
             });
             let number = same.unwrap_or_else(|| {
                 let class = object.class;
@@ -148,29 +142,6 @@ pub(super) fn resting_poses(object: &ObjectModel, pose: &Pose, surface: &Surface
         poses.retain(|other| other == pose || rests_on(&object.shapes, other, surface).is_ok());
     }
     poses
-}
-
-/// Whether an object at `a` is at `b`, up to its symmetry.
-fn is_same(object: &ObjectModel, a: &Pose, b: &Pose) -> bool {
-    is_within(object, a, b, (SAME_PLACE, SAME_TURN))
-}
-
-/// The same up to a distance (m) and a turn (rad).
-fn is_within(object: &ObjectModel, a: &Pose, b: &Pose, (off, most_turn): (f64, f64)) -> bool {
-    if (a.translation.vector - b.translation.vector).norm() > off {
-        return false;
-    }
-    let turn = b.rotation.inverse() * a.rotation;
-    match object.symmetry {
-        Symmetry::Sphere => true,
-        Symmetry::CylinderZ => {
-            let axis = turn * Vec3::z();
-            axis.z.abs() >= most_turn.cos()
-        }
-        Symmetry::None | Symmetry::Box => {
-            object.symmetry_rotations.iter().any(|rotation| rotation.angle_to(&turn) <= most_turn)
-        }
-    }
 }
 
 #[cfg(test)]

@@ -1,7 +1,10 @@
 //! Movable objects and the ways to hold them.
 
 use super::shape_rotations;
-use crate::geometry::{PlacedShape, Pose};
+use crate::geometry::{PlacedShape, Pose, Vec3};
+
+/// An object no farther (m, rad) from its goal counts as there: nineteen twentieths of what the judge allows.
+const AT_GOAL: (f64, f64) = (0.95e-3, 0.475 * std::f64::consts::PI / 180.0);
 
 /// One way to hold an object.
 #[derive(Debug, Clone)]
@@ -64,6 +67,33 @@ impl ObjectModel {
     /// The pose of the object held with `grasp` by a TCP at `tcp`.
     pub fn held_pose(&self, grasp: usize, tcp: &Pose) -> Pose {
         tcp * self.grasps[grasp].object_in_tcp
+    }
+
+    /// The angle (rad) between its orientations at two poses, up to its symmetry.
+    pub fn turn_between(&self, from: &Pose, to: &Pose) -> f64 {
+        let turn = to.rotation.inverse() * from.rotation;
+        match self.symmetry {
+            Symmetry::Sphere => 0.0,
+            // Its axis may point either way.
+            Symmetry::CylinderZ => {
+                let axis = turn * Vec3::z();
+                axis.xy().norm().atan2(axis.z.abs())
+            }
+            Symmetry::None | Symmetry::Box => {
+                let turned = self.symmetry_rotations.iter().map(|rotation| rotation.angle_to(&turn));
+                turned.fold(turn.angle(), f64::min)
+            }
+        }
+    }
+
+    /// Whether at `a` it is where it is at `b`, up to its symmetry, a distance (m) and an angle (rad).
+    pub fn is_within(&self, a: &Pose, b: &Pose, (off, turn): (f64, f64)) -> bool {
+        (a.translation.vector - b.translation.vector).norm() <= off && self.turn_between(a, b) <= turn
+    }
+
+    /// Whether at `pose` it is at `goal` already, with a margin to what the judge allows.
+    pub fn is_at_goal(&self, pose: &Pose, goal: &Pose) -> bool {
+        self.is_within(pose, goal, AT_GOAL)
     }
 
     /// Whether its symmetry is that of the box around it and not its own: turned by it, it takes other

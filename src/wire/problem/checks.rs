@@ -11,15 +11,8 @@ use crate::kinematics::Config;
 use crate::problem::{ContactPartner, GoalPlacement, InitialPlacement};
 use crate::wire::fault::FaultCode;
 use crate::workcell::{
-    Arm, ArmId, ObjectId, ObjectModel, ObstacleId, RestFault, Surface, SurfaceId, Symmetry, footprint,
-    rests_on,
+    Arm, ArmId, ObjectId, ObjectModel, ObstacleId, RestFault, Surface, SurfaceId, footprint, rests_on,
 };
-
-/// How far an object may be from its goal (m, rad), as the judge has it.
-const POSITION_TOLERANCE: f64 = 1.0e-3;
-const ANGLE_TOLERANCE: f64 = 0.5 * std::f64::consts::PI / 180.0;
-/// The share of these within which an object counts as at its goal from the start.
-const AT_GOAL: f64 = 0.95;
 
 /// An object in its place, for collision checks.
 struct PlacedObject<'d> {
@@ -319,32 +312,11 @@ fn check_reach(draft: &Draft, initial: &[Option<InitialPlacement>], context: &mu
 /// Whether an object is at its goal from the start, as the judge of plans sees it; `placement` is what `start` resolves to.
 fn is_there(object: &ObjectModel, start: &Start, placement: Option<&InitialPlacement>, end: &End) -> bool {
     match (start, end) {
-        (Start::Pose(start), End::Pose(end)) => {
-            let off = (start.translation.vector - end.translation.vector).norm();
-            off <= AT_GOAL * POSITION_TOLERANCE && least_turn(object, start, end) <= AT_GOAL * ANGLE_TOLERANCE
-        }
+        (Start::Pose(start), End::Pose(end)) => object.is_at_goal(start, end),
         (Start::Pose(_), End::Surface(end)) => {
             matches!(placement, Some(InitialPlacement::Resting { surface, .. }) if surface.0 == *end)
         }
         (Start::Held(..), _) => false,
-    }
-}
-
-/// The angle (rad) between an object's orientations at two poses, up to its symmetry.
-fn least_turn(object: &ObjectModel, from: &Pose, to: &Pose) -> f64 {
-    let turn = to.rotation.inverse() * from.rotation;
-    match object.symmetry {
-        Symmetry::Sphere => 0.0,
-        // Its axis may point either way.
-        Symmetry::CylinderZ => {
-            let axis = turn * Vec3::z();
-            axis.xy().norm().atan2(axis.z.abs())
-        }
-        Symmetry::None | Symmetry::Box => object
-            .symmetry_rotations
-            .iter()
-            .map(|rotation| rotation.angle_to(&turn))
-            .fold(turn.angle(), f64::min),
     }
 }
 
