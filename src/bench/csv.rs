@@ -136,6 +136,7 @@ fn run(line: usize, content: &str) -> Result<Run, CsvError> {
             mode_graph_s: row.optional()?,
             guidance_s: row.optional()?,
             search_s: row.optional()?,
+            timing_s: row.optional()?,
             judge_s: row.optional()?,
         },
     })

@@ -143,26 +143,30 @@ pub struct Phases {
     pub mode_graph_s: Option<f64>,
     /// Bounds, and the first answer of the guidance.
     pub guidance_s: Option<f64>,
-    /// The search, but for judging.
+    /// The search, but for timing and judging.
     pub search_s: Option<f64>,
+    /// Timing of paths: their curves, and the delays under which arms pass each other. In documents of versions before it
+    /// was told apart there is none, and the search has it.
+    pub timing_s: Option<f64>,
     /// Judging, rejected candidates included.
     pub judge_s: Option<f64>,
 }
 
 impl Phases {
     /// Their names, in order, as in documents.
-    pub const NAMES: [&'static str; 6] =
-        ["validation_s", "workcell_s", "mode_graph_s", "guidance_s", "search_s", "judge_s"];
+    pub const NAMES: [&'static str; 7] =
+        ["validation_s", "workcell_s", "mode_graph_s", "guidance_s", "search_s", "timing_s", "judge_s"];
 
     /// The values in the order of [`Self::NAMES`].
-    pub fn values(&self) -> [Option<f64>; 6] {
-        [self.validation_s, self.workcell_s, self.mode_graph_s, self.guidance_s, self.search_s, self.judge_s]
+    pub fn values(&self) -> [Option<f64>; 7] {
+        let &Self { validation_s, workcell_s, mode_graph_s, guidance_s, search_s, timing_s, judge_s } = self;
+        [validation_s, workcell_s, mode_graph_s, guidance_s, search_s, timing_s, judge_s]
     }
 
     /// From values in the order of [`Self::NAMES`].
-    pub fn from_values(values: [Option<f64>; 6]) -> Self {
-        let [validation_s, workcell_s, mode_graph_s, guidance_s, search_s, judge_s] = values;
-        Self { validation_s, workcell_s, mode_graph_s, guidance_s, search_s, judge_s }
+    pub fn from_values(values: [Option<f64>; 7]) -> Self {
+        let [validation_s, workcell_s, mode_graph_s, guidance_s, search_s, timing_s, judge_s] = values;
+        Self { validation_s, workcell_s, mode_graph_s, guidance_s, search_s, timing_s, judge_s }
     }
 }
 

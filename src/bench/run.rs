@@ -171,6 +171,8 @@ struct Record {
     candidate_s: Option<f64>,
     /// Judging until the first plan (s).
     judge_s: Option<f64>,
+    /// Timing of paths until the first plan (s).
+    timing_s: Option<f64>,
     incumbents: Vec<(f64, f64)>,
 }
 
@@ -183,10 +185,11 @@ impl Record {
                 }
                 self.steps_lower_bound = steps_lower_bound.or(self.steps_lower_bound);
             }
-            PlannerEvent::Judged { candidate_s, handed_in_s, judged_s, valid } => {
+            PlannerEvent::Judged { candidate_s, handed_in_s, timing_s, judged_s, valid } => {
                 self.rejected += u64::from(!valid);
                 if self.incumbents.is_empty() {
                     *self.judge_s.get_or_insert(0.0) += judged_s - handed_in_s;
+                    self.timing_s = Some(timing_s);
                 }
                 if valid {
                     self.candidate_s.get_or_insert(candidate_s);
@@ -206,13 +209,14 @@ impl Record {
             let to = begin(next).unwrap_or(end_s);
             begin(phase).map(|from| (to - from).max(0.0))
         };
-        let judge_s = self.judge_s.unwrap_or(0.0);
+        let others_s = self.judge_s.unwrap_or(0.0) + self.timing_s.unwrap_or(0.0);
         Phases {
             validation_s: Some(self.validation_s),
             workcell_s: span("workcell", "mode_graph"),
             mode_graph_s: span("mode_graph", "guidance"),
             guidance_s: span("guidance", "search"),
-            search_s: begin("search").map(|from| (end_s - from - judge_s).max(0.0)),
+            search_s: begin("search").map(|from| (end_s - from - others_s).max(0.0)),
+            timing_s: self.timing_s,
             judge_s: self.judge_s,
         }
     }

@@ -52,7 +52,15 @@ fn solved(family: &str, size: &str, guidance: &str, trial: u64, first_s: f64, du
         arc_length: Some(20.5),
         peak_rss_mb: Some(100.0),
         incumbents: vec![(first_s, 1.2 * duration), (first_s + 1.0, duration)],
-        phases: Phases::from_values([Some(0.001), Some(0.02), Some(0.03), None, Some(0.1), Some(0.05)]),
+        phases: Phases::from_values([
+            Some(0.001),
+            Some(0.02),
+            Some(0.03),
+            None,
+            Some(0.1),
+            Some(0.02),
+            Some(0.05),
+        ]),
     }
 }
 
@@ -141,7 +149,7 @@ proptest! {
     #[test]
     fn tables_read_back_as_the_same_runs(
         times in prop::collection::vec((any::<f64>(), 0.0..1e9_f64), 0..5),
-        values in prop::collection::vec(prop::option::of(-1e12..1e12_f64), 6),
+        values in prop::array::uniform7(prop::option::of(-1e12..1e12_f64)),
         steps in prop::option::of(any::<usize>()), is_solved: bool, trial: u64,
     ) {
         let finite = times.into_iter().filter(|(t, _)| t.is_finite()).collect();
@@ -152,7 +160,7 @@ proptest! {
             peak_rss_mb: values[1],
             duration_s: values[2],
             incumbents: finite,
-            phases: Phases::from_values([values[0], values[1], values[2], values[3], values[4], values[5]]),
+            phases: Phases::from_values(values),
             ..solved("side_to_side", "16x50", "sequential", trial, 0.1, 2.0)
         };
         let runs = vec![run, unsolved("switch", "2x2", "greedy", 0)];
@@ -272,6 +280,7 @@ fn a_run_is_measured() {
     let first = run.first_plan_s.unwrap();
     let sum: f64 = run.phases.values().map(|phase| phase.expect("every phase was reached")).iter().sum();
     assert!((0.8 * first..=first + 1e-9).contains(&sum), "{sum} of {first}");
+    assert!(run.phases.timing_s > Some(0.0) && run.phases.search_s > Some(0.0));
     // The bound is one, and not an empty one.
     let ratio = run.duration_ratio().unwrap();
     assert!((0.999..5.0).contains(&ratio), "{ratio}");

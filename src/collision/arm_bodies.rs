@@ -5,7 +5,7 @@ use smallvec::SmallVec;
 
 use crate::geometry::{Pose, Vec3};
 use crate::kinematics::{Lever, LinkMotion};
-use crate::workcell::Arm;
+use crate::workcell::{Arm, ArmBody};
 
 use super::atom::Atom;
 #[cfg(test)]
@@ -21,7 +21,8 @@ pub(super) struct ArmAtom {
     pub(super) atom: Atom,
     /// The link in whose frame the atom is given.
     pub(super) link: usize,
-    pub(super) group: usize,
+    /// The link, or the tool on it.
+    pub(super) body: ArmBody,
     pub(super) is_hand: bool,
     pub(super) levers: Levers,
 }
@@ -47,20 +48,18 @@ impl ArmBodies {
     pub(super) fn new(arm: &Arm) -> Self {
         let model = &arm.model;
         let mut atoms = Vec::new();
-        for (index, link) in model.links.iter().enumerate() {
-            let is_mount = index == model.mount;
-            let tool = if is_mount { arm.tool.shapes.as_slice() } else { &[] };
-            for placed in link.shapes.iter().chain(tool) {
+        for (body, link, shapes) in arm.bodies() {
+            let is_hand = arm.hand_groups.contains(&arm.group_of(body));
+            for placed in shapes {
                 let atom = Atom::new(placed);
-                let levers = levers(arm, index, atom.reach());
-                let is_hand = arm.hand_groups.contains(&link.group);
-                atoms.push(ArmAtom { atom, link: index, group: link.group, is_hand, levers });
+                let levers = levers(arm, link, atom.reach());
+                atoms.push(ArmAtom { atom, link, body, is_hand, levers });
             }
         }
         let mut self_pairs = Vec::new();
         for i in 0..atoms.len() {
             for j in i + 1..atoms.len() {
-                if arm.checks_groups(atoms[i].group, atoms[j].group) {
+                if arm.checks_bodies(atoms[i].body, atoms[j].body) {
                     self_pairs.push((i, j));
                 }
             }

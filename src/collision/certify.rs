@@ -244,7 +244,7 @@ impl Mover<'_> {
     pub(super) fn may_touch_world(&self, body: BodyIndex, owner: Owner, world: &CollisionWorld) -> bool {
         match owner {
             Owner::Obstacle(obstacle) => match self.bodies.atoms.get(usize::from(body)) {
-                Some(atom) => world.workcell.allowed_arm_obstacle.contains(&(self.arm, atom.group, obstacle)),
+                Some(atom) => world.workcell.arm_may_touch(self.arm, atom.body, obstacle),
                 None => self.exemption.held_with == Some(obstacle),
             },
             Owner::Resting(object) => self.is_hand(body) && self.exemption.hand_with == Some(object),
@@ -259,12 +259,11 @@ impl Mover<'_> {
         other_body: BodyIndex,
         world: &CollisionWorld,
     ) -> bool {
-        let group = |mover: &Mover<'_>, body: BodyIndex| {
-            mover.bodies.atoms.get(usize::from(body)).map(|atom| (mover.arm, atom.group))
+        let named = |mover: &Mover<'_>, body: BodyIndex| {
+            mover.bodies.atoms.get(usize::from(body)).map(|atom| (mover.arm, atom.body))
         };
-        if let (Some(ours), Some(theirs)) = (group(self, body), group(other, other_body)) {
-            let list = &world.workcell.allowed_arm_arm;
-            return list.contains(&(ours, theirs)) || list.contains(&(theirs, ours));
+        if let (Some(ours), Some(theirs)) = (named(self, body), named(other, other_body)) {
+            return world.workcell.arms_may_touch(ours, theirs);
         }
         // A hand that takes or has just released the object in the other arm's hand.
         let exempt = |hand: &Mover<'_>, body: BodyIndex, holder: &Mover<'_>, object: BodyIndex| {

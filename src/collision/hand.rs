@@ -20,9 +20,7 @@ impl CollisionWorld {
             self.obstacles.iter().all(|other| {
                 atom.atom.separation(&at, &other.atom, &other.at, self.clearance) >= self.clearance
                     || match other.owner {
-                        Owner::Obstacle(id) => {
-                            self.workcell.allowed_arm_obstacle.contains(&(arm, atom.group, id))
-                        }
+                        Owner::Obstacle(id) => self.workcell.arm_may_touch(arm, atom.body, id),
                         Owner::Resting(_) => true,
                     }
             })

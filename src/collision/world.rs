@@ -438,6 +438,7 @@ fn twin(workcell: &Workcell, index: usize) -> Option<usize> {
             && other.tool == arm.tool
             && other.limits == arm.limits
             && other.exempt_groups == arm.exempt_groups
+            && other.exempt_bodies == arm.exempt_bodies
             && other.hand_groups == arm.hand_groups
     })
 }

@@ -79,6 +79,12 @@ impl ConvexHull {
         &self.vertices
     }
 
+    /// Its volume (m^3).
+    pub fn volume(&self) -> f64 {
+        use parry3d_f64::shape::Shape as _;
+        self.polyhedron.mass_properties(1.0).mass()
+    }
+
     /// The hull as parry holds it.
     pub fn polyhedron(&self) -> &ConvexPolyhedron {
         &self.polyhedron

@@ -42,14 +42,14 @@ mod tests {
 
     use super::*;
     use crate::geometry::{ExactShape, Vec3};
-    use crate::kinematics::{ArmModel, NoMeshes, disabled_group_pairs};
+    use crate::kinematics::{ArmModel, NoMeshes, disabled_link_pairs};
     use crate::run::Seed;
 
     fn load(robot: &LibraryRobot) -> ArmModel {
         ArmModel::from_urdf(robot.name, robot.urdf, "flange", &BTreeMap::new(), &NoMeshes).unwrap().0
     }
 
-    /// The share of random configurations in which the shapes of two groups overlap, by pair.
+    /// The share of random configurations in which the shapes of two links overlap, by pair.
     fn overlap_shares(model: &ArmModel, samples: u32) -> BTreeMap<(usize, usize), f64> {
         let mut rng = Seed(11).stream("library overlaps");
         let shapes: Vec<Vec<ExactShape>> =
@@ -67,7 +67,7 @@ mod tests {
                         shapes[b].iter().any(|y| x.signed_distance(&poses[a], y, &poses[b], 0.01) < -0.002)
                     });
                     if touches && model.links[a].group != model.links[b].group {
-                        overlapping.insert((model.links[a].group, model.links[b].group));
+                        overlapping.insert((a, b));
                     }
                 }
             }
@@ -82,15 +82,16 @@ mod tests {
     fn only_pairs_that_overlap_often_are_disabled() {
         for robot in ROBOTS {
             let model = load(robot);
-            let disabled = disabled_group_pairs(robot.srdf, &model).unwrap();
+            let disabled = disabled_link_pairs(robot.srdf, &model).unwrap();
+            let adjacent = |a: usize, b: usize| model.links[b].group == model.links[a].group + 1;
             let shares = overlap_shares(&model, 200);
             for (&(a, b), share) in &shares {
-                let exempt = b == a + 1 || disabled.contains(&(a, b));
+                let exempt = adjacent(a, b) || disabled.contains(&(a, b));
                 assert!(exempt || *share < 0.15, "{} {a}-{b}: {share}", robot.name);
             }
             for (a, b) in disabled {
                 let share = shares.get(&(a, b)).copied().unwrap_or_default();
-                assert!(b == a + 1 || share > 0.15, "{} {a}-{b}: {share}", robot.name);
+                assert!(adjacent(a, b) || share > 0.15, "{} {a}-{b}: {share}", robot.name);
             }
         }
     }
@@ -105,13 +106,13 @@ mod tests {
         for (name, degrees) in postures {
             let robot = library(name).unwrap();
             let model = load(&robot);
-            let disabled = disabled_group_pairs(robot.srdf, &model).unwrap();
+            let disabled = disabled_link_pairs(robot.srdf, &model).unwrap();
             let q: Vec<f64> = degrees.iter().map(|angle| angle.to_radians()).collect();
             let mut poses = Vec::new();
             model.link_poses(&q, &mut poses);
             for (a, first) in model.links.iter().enumerate() {
                 for (b, second) in model.links.iter().enumerate().skip(a + 1) {
-                    if second.group <= first.group + 1 || disabled.contains(&(first.group, second.group)) {
+                    if second.group <= first.group + 1 || disabled.contains(&(a, b)) {
                         continue;
                     }
                     for x in &first.shapes {

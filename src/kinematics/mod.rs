@@ -21,9 +21,9 @@ pub use lever::{Lever, Reach};
 pub use library::{LibraryRobot, library, library_names};
 pub use model::{ArmModel, Config, Joint, JointLimits, Link, LinkMotion};
 pub use moving_frames::{Frame8, Frames8, MovingFrames};
-pub use srdf::{SrdfError, disabled_group_pairs};
+pub use srdf::{SrdfError, disabled_link_pairs};
 pub use urdf::{
-    LimitFault, MAX_MESH_BYTES, MeshError, MeshResolver, NoMeshes, UrdfError, UrdfSize, UrdfWarning,
-    mesh_points,
+    LimitFault, MAX_MESH_BYTES, MeshError, MeshFilled, MeshPieces, MeshResolver, NoMeshes, UrdfError,
+    UrdfSize, UrdfWarning, read_mesh,
 };
 pub use xml::{MAX_XML_BYTES, MAX_XML_NODES, XmlError};

@@ -12,6 +12,7 @@ use crate::run::{Control, Rng};
 use crate::trajectory::{Curve, CurveTable, time_path};
 use crate::workcell::ArmId;
 
+use super::legs::ROUNDINGS;
 use super::roadmap::{KnownEdges, Roadmap, Situation};
 use super::schedule::find_conflict;
 use super::task::{ArmGoal, ArmTask, StepTask};
@@ -50,6 +51,7 @@ pub(super) fn plan(
     task: &StepTask,
     control: &Control,
     rng: &mut Rng,
+    timing_s: &mut f64,
 ) -> Option<StepMotion> {
     let resting = world.resting_atoms(&task.scene);
     let from: Vec<Config> = task
@@ -84,12 +86,18 @@ pub(super) fn plan(
     let mut orders = orders(leaving > 1)
         .iter()
         .flat_map(|&leave| orders(entering > 1).iter().map(move |&enter| (leave, enter)));
-    orders.find_map(|order| {
-        if control.should_stop() {
-            return None;
-        }
-        assemble(problem, world, task, &resting, &path, order)
-    })
+    let began_s = control.deadline.elapsed_s();
+    // Corners are rounded as far as that is free.
+    let motion = orders.find_map(|order| {
+        ROUNDINGS.iter().find_map(|&rounding| {
+            if control.should_stop() {
+                return None;
+            }
+            assemble(problem, world, task, &resting, &path, order, rounding)
+        })
+    });
+    *timing_s += control.deadline.elapsed_s() - began_s;
+    motion
 }
 
 /// Along an edge of an arm's roadmap, by its number, to one of its vertices.
@@ -384,7 +392,7 @@ fn in_order(count: usize, order: Order) -> Vec<usize> {
 }
 
 /// Times departures, the composite path and approaches one after the other, and certifies them; departures
-/// in the first order, approaches in the second.
+/// in the first order, approaches in the second. Corners of the path are rounded by `rounding` (rad or m) at most.
 fn assemble(
     problem: &Problem,
     world: &CollisionWorld,
@@ -392,6 +400,7 @@ fn assemble(
     resting: &Resting,
     path: &[Vec<Config>],
     (leave, enter): (Order, Order),
+    rounding: f64,
 ) -> Option<StepMotion> {
     let models = &problem.workcell.arms;
     let count = task.arms.len();
@@ -422,7 +431,7 @@ fn assemble(
     clock = catch_up(&mut curves, clock);
     let limits: Vec<JointLimits> = models.iter().flat_map(|arm| arm.limits.iter().copied()).collect();
     let flat: Vec<Config> = path.iter().map(|q| q.iter().flatten().copied().collect()).collect();
-    let travel = time_path(&flat, &vec![0.0; flat.len()], &limits).ok()?;
+    let travel = time_path(&flat, &vec![rounding; flat.len()], &limits).ok()?;
     let mut offset = 0;
     for (curve, model) in curves.iter_mut().zip(models) {
         let dof = model.limits.len();

@@ -9,8 +9,8 @@ use crate::workcell::{Arm, ArmId};
 use super::task::{ArmGoal, ArmTask, Departure};
 use super::timed::{CurveMotion, Window, pieces};
 
-/// Greatest deviation (rad or m) where a corner of the free path is rounded.
-const FREE_TOLERANCE: f64 = 0.12;
+/// Greatest deviations (rad or m) where a corner of the free path is rounded, in the order in which they are tried; 0 is a stop.
+pub(super) const ROUNDINGS: [f64; 3] = [0.12, 0.02, 0.0];
 
 /// Greatest deviation (rad or m) at the waypoints within a straight line.
 const LINE_TOLERANCE: f64 = 0.001;
@@ -54,7 +54,7 @@ pub(super) fn time_legs(
     resting: &Resting,
 ) -> Option<Legs> {
     let gated = matches!(&task.goal, ArmGoal::Contact { after: Some(_), approach: Some(_), .. });
-    for tolerance in [FREE_TOLERANCE, FREE_TOLERANCE / 6.0, 0.0] {
+    for tolerance in ROUNDINGS {
         let way = Way::new(task, path, tolerance);
         let Some(through) = way.leg(arm, task, true, true) else { continue };
         if !is_free(world, id, task, &through, resting) {

@@ -45,6 +45,8 @@ pub struct StepPlanner<'a> {
     failed: Option<(StepTask, Begun)>,
     /// See [`Self::set_hasty`].
     is_hasty: bool,
+    /// See [`Self::timing_s`].
+    timing_s: f64,
 }
 
 /// Why a step was not planned.
@@ -119,13 +121,27 @@ pub fn first_roadmaps(
 impl<'a> StepPlanner<'a> {
     /// A planner that starts from `roadmaps`, one for every arm: see [`first_roadmaps`].
     pub fn new(problem: &'a Problem, world: &'a CollisionWorld, roadmaps: Vec<Roadmap>, seed: Seed) -> Self {
-        Self { problem, world, roadmaps, rng: seed.stream("motion"), failed: None, is_hasty: false }
+        Self {
+            problem,
+            world,
+            roadmaps,
+            rng: seed.stream("motion"),
+            failed: None,
+            is_hasty: false,
+            timing_s: 0.0,
+        }
     }
 
     /// Whether attempts that are not thorough give up sooner, where other contacts may be easier, and leave arms without an
     /// action where they are unless they are in the way.
     pub fn set_hasty(&mut self, is_hasty: bool) {
         self.is_hasty = is_hasty;
+    }
+
+    /// How long (s) it has been timing paths so far: making curves of them, and finding delays under which they pass each
+    /// other, with all that certifies them.
+    pub fn timing_s(&self) -> f64 {
+        self.timing_s
     }
 
     /// Where the arms move.
@@ -224,7 +240,11 @@ impl<'a> StepPlanner<'a> {
                 break;
             }
             known.forget(&fresh);
-            match schedule(self.world, task, &legs, &mut known, self.is_hasty && !thorough, control) {
+            let began_s = control.deadline.elapsed_s();
+            let scheduled =
+                schedule(self.world, task, &legs, &mut known, self.is_hasty && !thorough, control);
+            self.timing_s += control.deadline.elapsed_s() - began_s;
+            match scheduled {
                 Ok(motion) => return Ok(motion),
                 Err(None) => return Err(failure.unwrap_or(StepFailure::Stopped)),
                 Err(Some(conflict)) => {
@@ -263,8 +283,8 @@ impl<'a> StepPlanner<'a> {
         task: &StepTask,
         control: &Control,
     ) -> Result<StepMotion, StepFailure> {
-        composite::plan(self.problem, self.world, &mut self.roadmaps, task, control, &mut self.rng)
-            .ok_or(StepFailure::Stopped)
+        let Self { problem, world, roadmaps, rng, timing_s, .. } = self;
+        composite::plan(problem, world, roadmaps, task, control, rng, timing_s).ok_or(StepFailure::Stopped)
     }
 
     /// Two arms that act and would touch each other at the end of the step.
@@ -374,6 +394,9 @@ impl<'a> StepPlanner<'a> {
             }
             found?
         };
-        time_legs(self.world, id, model, arm, &path, resting)
+        let began_s = control.deadline.elapsed_s();
+        let legs = time_legs(self.world, id, model, arm, &path, resting);
+        self.timing_s += control.deadline.elapsed_s() - began_s;
+        legs
     }
 }

@@ -24,6 +24,8 @@ pub enum PlannerEvent<'a> {
         candidate_s: f64,
         /// When the judge got it, with the proof of how few steps any plan needs, in seconds since the run started.
         handed_in_s: f64,
+        /// How long (s) the search that found it had been timing paths until then, since it began.
+        timing_s: f64,
         /// When the judge had spoken, in seconds since the run started.
         judged_s: f64,
         /// What the judge said.

@@ -381,7 +381,7 @@ impl<'a> Run<'a, '_> {
                 Report::Candidate(candidate) => {
                     // What was proved of an older graph is not proved of this one.
                     let certificate = search.certificate().filter(|_| self.is_up_to_date(&search)).cloned();
-                    if let Some(cost) = self.judge(&candidate, certificate.as_ref()) {
+                    if let Some(cost) = self.judge(&candidate, certificate.as_ref(), search.timing_s()) {
                         search.accept(cost);
                         own = Some(cost);
                         if !self.others_may_join() && !self.settles.swap(true, Ordering::Relaxed) {
@@ -391,7 +391,7 @@ impl<'a> Run<'a, '_> {
                     }
                 }
                 Report::Solved(candidate) => {
-                    self.judge(&candidate, search.certificate());
+                    self.judge(&candidate, search.certificate(), search.timing_s());
                     self.lock(|board| self.end(board, Termination::NoImprovement));
                 }
                 Report::Nothing => {}
@@ -464,8 +464,13 @@ impl<'a> Run<'a, '_> {
     }
 
     /// Builds the plan, has it judged, and publishes it if it is better than what is known; its
-    /// cost when it was published.
-    fn judge(&self, candidate: &Candidate, certificate: Option<&Certificate>) -> Option<[f64; 2]> {
+    /// cost when it was published. It had been `timing_s` on the timing of paths.
+    fn judge(
+        &self,
+        candidate: &Candidate,
+        certificate: Option<&Certificate>,
+        timing_s: f64,
+    ) -> Option<[f64; 2]> {
         let options = &self.problem.options;
         let cost = candidate.cost(options.objective);
         if self.lock(|board| board.cost).is_some_and(|best| cost >= best) {
@@ -481,7 +486,7 @@ impl<'a> Run<'a, '_> {
         let judged_s = self.control.deadline.elapsed_s();
         let valid = verdict.valid;
         self.lock(|board| {
-            (board.observe)(PlannerEvent::Judged { candidate_s, handed_in_s, judged_s, valid })
+            (board.observe)(PlannerEvent::Judged { candidate_s, handed_in_s, timing_s, judged_s, valid })
         });
         if !verdict.valid {
             self.lock(|board| {

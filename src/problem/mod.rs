@@ -12,7 +12,7 @@ use std::sync::Arc;
 
 use crate::geometry::Pose;
 use crate::kinematics::Config;
-use crate::workcell::{ArmId, ObjectId, ObjectModel, ObstacleId, SurfaceId, Workcell};
+use crate::workcell::{ArmBody, ArmId, ObjectId, ObjectModel, ObstacleId, SurfaceId, Workcell};
 
 /// Where an object is at the start.
 #[derive(Debug, Clone)]
@@ -52,8 +52,8 @@ pub enum GoalPlacement {
 /// What an object may touch for good.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum ContactPartner {
-    /// A rigid group of an arm.
-    ArmGroup(ArmId, usize),
+    /// A body of an arm.
+    Arm(ArmId, ArmBody),
     /// An obstacle.
     Obstacle(ObstacleId),
     /// Another object.

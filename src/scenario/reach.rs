@@ -7,7 +7,7 @@ use crate::geometry::{ExactShape, Pose, Vec3};
 use crate::problem::{GoalPlacement, InitialPlacement, Problem};
 use crate::run::Seed;
 use crate::wire::{LibraryOnly, ReadLimits, read_problem_value};
-use crate::workcell::{Arm, ArmId, ObjectModel, ObstacleId};
+use crate::workcell::{Arm, ArmBody, ArmId, ObjectModel, ObstacleId};
 
 struct Cell<'p> {
     problem: &'p Problem,
@@ -26,15 +26,13 @@ impl<'p> Cell<'p> {
         let arm = &self.problem.workcell.arms[index];
         let mut poses = Vec::new();
         arm.model.link_poses(q, &mut poses);
-        let mut parts: Vec<(usize, Pose, ExactShape)> = Vec::new();
-        for (link, pose) in arm.model.links.iter().zip(&poses) {
-            parts.extend(link.shapes.iter().map(|s| (link.group, arm.base * pose, ExactShape::new(s))));
+        let mut parts: Vec<(ArmBody, Pose, ExactShape)> = Vec::new();
+        for (body, link, shapes) in arm.bodies() {
+            parts.extend(shapes.iter().map(|s| (body, arm.base * poses[link], ExactShape::new(s))));
         }
-        let mount = arm.base * poses[arm.model.mount];
-        parts.extend(arm.tool.shapes.iter().map(|s| (arm.mount_group(), mount, ExactShape::new(s))));
-        for (at, (group, pose, shape)) in parts.iter().enumerate() {
-            for (other_group, other_pose, other) in &parts[..at] {
-                if arm.checks_groups(*group, *other_group)
+        for (at, (part, pose, shape)) in parts.iter().enumerate() {
+            for (other_part, other_pose, other) in &parts[..at] {
+                if arm.checks_bodies(*part, *other_part)
                     && shape.signed_distance(pose, other, other_pose, 0.002) < 0.002
                 {
                     return false;
@@ -43,8 +41,7 @@ impl<'p> Cell<'p> {
             for (id, (body, shapes)) in
                 self.problem.workcell.obstacles.iter().zip(&self.obstacles).enumerate()
             {
-                let allowed = (ArmId(index), *group, ObstacleId(id));
-                if self.problem.workcell.allowed_arm_obstacle.contains(&allowed) {
+                if self.problem.workcell.arm_may_touch(ArmId(index), *part, ObstacleId(id)) {
                     continue;
                 }
                 if shapes.iter().any(|o| shape.signed_distance(pose, o, &body.pose, 0.002) < 0.002) {

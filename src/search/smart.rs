@@ -171,6 +171,11 @@ impl<'a> Search<'a> {
         self.iterations
     }
 
+    /// [`StepPlanner::timing_s`] of the planner that plans its steps.
+    pub fn timing_s(&self) -> f64 {
+        self.planner.timing_s()
+    }
+
     /// What is proved about the number of steps on the mode graph.
     pub fn certificate(&self) -> Option<&Certificate> {
         self.certificate.as_ref()

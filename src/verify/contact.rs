@@ -11,7 +11,7 @@ use std::collections::BTreeMap;
 
 use super::arms::Arms;
 use super::custody::{Custody, Timeline};
-use super::gap::{Frame, gap, lower_along};
+use super::gap::{Frame, Part, gap, lower_along};
 use super::scene::{Owner, Pair, Scene};
 use super::straight::Window;
 use super::structure::SAME_TIME;
@@ -282,9 +282,30 @@ impl Inspector<'_, '_> {
     /// much it is below.
     fn apart(&mut self, index: usize, enough: f64) -> Apart {
         let pair = self.pairs[index];
-        let (a, b) = (&self.scene.bodies[pair.a], &self.scene.bodies[pair.b]);
+        let scene = self.scene;
+        let (a, b) = (&scene.bodies[pair.a], &scene.bodies[pair.b]);
         let (at, other_at) = (self.places[pair.a].frame, self.places[pair.b].frame);
         let mut apart = Apart { lower: f64::INFINITY, estimate: f64::INFINITY, parts: (0, 0) };
+        if let Some(parts) = scene.parts_of(&pair) {
+            self.work += parts.len() as u64;
+            for &(i, j) in parts {
+                let (part, other) = (&a.parts[i], &b.parts[j]);
+                let far = (at.apply(&part.centre) - other_at.apply(&other.centre)).norm();
+                let far = far - part.radius - other.radius;
+                if far > enough {
+                    apart.lower = apart.lower.min(far);
+                } else {
+                    self.parts_apart(
+                        (index, i * b.parts.len() + j),
+                        ((i, j), part, other),
+                        enough,
+                        &mut apart,
+                    );
+                }
+            }
+            apart.estimate = apart.estimate.max(apart.lower);
+            return apart;
+        }
         let centres: Vec<Vec3> = if a.parts.len() * b.parts.len() > 1 {
             b.parts.iter().map(|part| other_at.apply(&part.centre)).collect()
         } else {
@@ -301,30 +322,43 @@ impl Inspector<'_, '_> {
                         continue;
                     }
                 }
-                let slot = self.axes_at[index].map(|start| start + i * b.parts.len() + j);
-                if let Some(slot) = slot
-                    && self.axes[slot] != Vec3::zeros()
-                {
-                    let far = lower_along(part, &at, other, &other_at, &self.axes[slot]);
-                    if far > enough {
-                        apart.lower = apart.lower.min(far);
-                        continue;
-                    }
-                }
-                self.work += QUERY_WORK;
-                let found = gap(part, &at, other, &other_at, enough);
-                if let Some(slot) = slot {
-                    self.axes[slot] = found.axis;
-                }
-                apart.lower = apart.lower.min(found.lower);
-                if found.estimate < apart.estimate {
-                    apart.estimate = found.estimate;
-                    apart.parts = (i, j);
-                }
+                self.parts_apart((index, i * b.parts.len() + j), ((i, j), part, other), enough, &mut apart);
             }
         }
         apart.estimate = apart.estimate.max(apart.lower);
         apart
+    }
+
+    /// Looks closely at two parts of pair `index`, whose axis is the one of that number, and notes their distance in `apart`.
+    fn parts_apart(
+        &mut self,
+        (index, number): (usize, usize),
+        (numbers, part, other): ((usize, usize), &Part, &Part),
+        enough: f64,
+        apart: &mut Apart,
+    ) {
+        let pair = self.pairs[index];
+        let (at, other_at) = (self.places[pair.a].frame, self.places[pair.b].frame);
+        let slot = self.axes_at[index].map(|start| start + number);
+        if let Some(slot) = slot
+            && self.axes[slot] != Vec3::zeros()
+        {
+            let far = lower_along(part, &at, other, &other_at, &self.axes[slot]);
+            if far > enough {
+                apart.lower = apart.lower.min(far);
+                return;
+            }
+        }
+        self.work += QUERY_WORK;
+        let found = gap(part, &at, other, &other_at, enough);
+        if let Some(slot) = slot {
+            self.axes[slot] = found.axis;
+        }
+        apart.lower = apart.lower.min(found.lower);
+        if found.estimate < apart.estimate {
+            apart.estimate = found.estimate;
+            apart.parts = numbers;
+        }
     }
 
     /// A first idea of the least clearance, from one instant.

@@ -1,12 +1,15 @@
 //! Every body of the problem, and which pairs are looked at.
 
+use std::collections::{BTreeMap, BTreeSet};
+use std::ops::Range;
+
 use super::chain::Chain;
 use super::custody::Custody;
 use super::gap::{Frame, Part};
 use super::straight::{Touch, Window};
 use crate::geometry::{PlacedShape, Pose, Vec3};
 use crate::problem::{ContactPartner, Problem};
-use crate::workcell::{ArmId, ObjectId, ObstacleId};
+use crate::workcell::{ArmBody, ArmId, ObjectId, ObstacleId};
 
 /// What a body belongs to.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -27,6 +30,8 @@ pub(super) struct Body {
     pub parts: Vec<Part>,
     /// By part: the link or tool, obstacle or object that it comes from.
     pub names: Vec<String>,
+    /// Which parts are which of an arm's bodies; empty for all else.
+    of_arm: Vec<(ArmBody, Range<usize>)>,
     /// A ball around all parts, in the body's frame.
     pub centre: Vec3,
     pub radius: f64,
@@ -41,6 +46,61 @@ pub(super) struct Pair {
     pub common: usize,
     /// Whether the pair counts for the least clearance.
     pub counted: bool,
+    /// Where only some of their parts must not touch each other: which, by [`Scene::parts_of`].
+    some: Option<usize>,
+}
+
+impl Pair {
+    /// Two bodies of which no parts may touch.
+    fn new(a: usize, b: usize, common: usize, counted: bool) -> Self {
+        Self { a, b, common, counted, some: None }
+    }
+}
+
+/// Two of a kind in order.
+fn ordered<T: Ord>(a: T, b: T) -> (T, T) {
+    if b < a { (b, a) } else { (a, b) }
+}
+
+/// What arms may touch for good, objects left out.
+struct Exempt {
+    /// Per arm, groups that one movable joint joins.
+    joined: BTreeSet<(usize, (usize, usize))>,
+    /// Bodies of arms.
+    bodies: BTreeSet<((ArmId, ArmBody), (ArmId, ArmBody))>,
+    /// The arms of which any are, two by two.
+    arms: BTreeSet<(usize, usize)>,
+    /// Bodies of arms, and obstacles.
+    obstacles: BTreeSet<(ArmId, ArmBody, ObstacleId)>,
+}
+
+impl Exempt {
+    fn new(problem: &Problem) -> Self {
+        let cell = &problem.workcell;
+        let arms = || cell.arms.iter().enumerate();
+        let joined = arms().flat_map(|(index, arm)| {
+            arm.exempt_groups.iter().map(move |&(one, two)| (index, ordered(one, two)))
+        });
+        let own = arms().flat_map(|(index, arm)| {
+            let id = ArmId(index);
+            arm.exempt_bodies.iter().map(move |&(one, two)| ordered((id, one), (id, two)))
+        });
+        let of_two = cell.allowed_arm_arm.iter().map(|&(one, two)| ordered(one, two));
+        Self {
+            joined: joined.collect(),
+            bodies: own.chain(of_two).collect(),
+            arms: cell.allowed_arm_arm.iter().map(|((one, _), (two, _))| ordered(one.0, two.0)).collect(),
+            obstacles: cell.allowed_arm_obstacle.iter().copied().collect(),
+        }
+    }
+}
+
+/// Which parts of two bodies must not touch each other.
+enum Checked {
+    All,
+    None,
+    /// These, of the first and of the second.
+    Some(Vec<(usize, usize)>),
 }
 
 /// All bodies: arms first, then obstacles, then objects.
@@ -51,6 +111,11 @@ pub(super) struct Scene<'p> {
     first_object: usize,
     /// Pairs that do not depend on the objects.
     pub standing: Vec<Pair>,
+    /// For pairs of which some parts may touch: those that must not.
+    some: Vec<Vec<(usize, usize)>>,
+    /// By object, and by body of an arm some of whose parts it may touch for good: the place in `some`, or nothing where it
+    /// may touch all of them.
+    allowed: BTreeMap<(usize, usize), Option<usize>>,
 }
 
 impl<'p> Scene<'p> {
@@ -61,21 +126,24 @@ impl<'p> Scene<'p> {
         for (index, arm) in cell.arms.iter().enumerate() {
             let chain = chain(index);
             let mut parts: Vec<Vec<(Part, String)>> = vec![Vec::new(); chain.len()];
-            let mut add = |node: usize, frame: &Frame, shape: &PlacedShape, name: String| {
-                parts[node].push((Part::placed(shape, frame), name));
+            let mut of_arm: Vec<Vec<(ArmBody, Range<usize>)>> = vec![Vec::new(); chain.len()];
+            let mut add = |link: usize, shapes: &[PlacedShape], body: ArmBody, name: String| {
+                let (node, frame) = chain.link(link);
+                let first = parts[node].len();
+                parts[node].extend(shapes.iter().map(|shape| (Part::placed(shape, &frame), name.clone())));
+                if !shapes.is_empty() {
+                    of_arm[node].push((body, first..parts[node].len()));
+                }
             };
             for (link_index, link) in arm.model.links.iter().enumerate() {
-                let (node, frame) = chain.link(link_index);
-                for shape in &link.shapes {
-                    add(node, &frame, shape, format!("{}/{}", arm.id, link.name));
+                let name = format!("{}/{}", arm.id, link.name);
+                add(link_index, &link.shapes, ArmBody::Link(link_index), name);
+            }
+            add(arm.model.mount, &arm.tool.shapes, ArmBody::Tool, format!("{}/@tool", arm.id));
+            for (node, (parts, of_arm)) in parts.into_iter().zip(of_arm).enumerate() {
+                if !parts.is_empty() {
+                    bodies.push(Body { of_arm, ..Body::new(Owner::Arm { arm: index, node }, parts) });
                 }
-            }
-            let (node, frame) = chain.link(arm.model.mount);
-            for shape in &arm.tool.shapes {
-                add(node, &frame, shape, format!("{}/@tool", arm.id));
-            }
-            for (node, parts) in parts.into_iter().enumerate().filter(|(_, parts)| !parts.is_empty()) {
-                bodies.push(Body::new(Owner::Arm { arm: index, node }, parts));
             }
         }
         let first_obstacle = bodies.len();
@@ -86,13 +154,83 @@ impl<'p> Scene<'p> {
         for (index, object) in problem.objects.iter().enumerate() {
             bodies.push(Body::of_shapes(Owner::Object(index), &object.shapes, &object.id));
         }
-        let mut scene = Self { problem, bodies, first_object, standing: Vec::new() };
+        let exempt = Exempt::new(problem);
+        let named: BTreeSet<usize> =
+            problem.allowed_object_contacts.iter().map(|(object, _)| object.0).collect();
+        let (standing, some, allowed) = (Vec::new(), Vec::new(), BTreeMap::new());
+        let mut scene = Self { problem, bodies, first_object, standing, some, allowed };
         for a in 0..first_obstacle {
             for b in a + 1..first_object {
-                scene.standing.extend(scene.standing_pair(a, b, &chain));
+                if let Some((pair, checked)) = scene.standing_pair(a, b, &exempt, &chain) {
+                    match checked {
+                        Checked::All => scene.standing.push(pair),
+                        Checked::None => {}
+                        Checked::Some(list) => {
+                            let some = Some(scene.some.len());
+                            scene.some.push(list);
+                            scene.standing.push(Pair { some, ..pair });
+                        }
+                    }
+                }
+            }
+            for &object in &named {
+                scene.allow_object(object, a);
             }
         }
         scene
+    }
+
+    /// Notes what of an arm's body an object may touch for good.
+    fn allow_object(&mut self, object: usize, body: usize) {
+        let Owner::Arm { arm, .. } = self.bodies[body].owner else { return };
+        let may_touch =
+            |part: ArmBody| self.problem.may_touch(ObjectId(object), ContactPartner::Arm(ArmId(arm), part));
+        let checked = self.checked(body, self.first_object + object, |part, _| !part.is_some_and(may_touch));
+        match checked {
+            Checked::All => {}
+            Checked::None => {
+                self.allowed.insert((object, body), None);
+            }
+            Checked::Some(list) => {
+                self.allowed.insert((object, body), Some(self.some.len()));
+                self.some.push(list);
+            }
+        }
+    }
+
+    /// Which parts of two bodies are checked against each other, by what `is_checked` says of the arms' bodies.
+    fn checked(
+        &self,
+        a: usize,
+        b: usize,
+        is_checked: impl Fn(Option<ArmBody>, Option<ArmBody>) -> bool,
+    ) -> Checked {
+        let runs = |body: usize| -> Vec<(Option<ArmBody>, Range<usize>)> {
+            let body = &self.bodies[body];
+            match body.of_arm.as_slice() {
+                [] => vec![(None, 0..body.parts.len())],
+                of_arm => of_arm.iter().map(|(part, run)| (Some(*part), run.clone())).collect(),
+            }
+        };
+        let (ours, theirs) = (runs(a), runs(b));
+        let both = ours.iter().flat_map(|one| theirs.iter().map(move |other| (one, other)));
+        let (open, exempt): (Vec<_>, Vec<_>) =
+            both.partition(|((one, _), (other, _))| is_checked(*one, *other));
+        match (open.is_empty(), exempt.is_empty()) {
+            (_, true) => Checked::All,
+            (true, false) => Checked::None,
+            (false, false) => {
+                let parts = open.into_iter().flat_map(|((_, one), (_, other))| {
+                    one.clone().flat_map(move |i| other.clone().map(move |j| (i, j)))
+                });
+                Checked::Some(parts.collect())
+            }
+        }
+    }
+
+    /// Which parts of the pair's bodies must not touch each other, where these are not all.
+    pub(super) fn parts_of(&self, pair: &Pair) -> Option<&[(usize, usize)]> {
+        pair.some.map(|some| self.some[some].as_slice())
     }
 
     /// The frame of an obstacle or of the world.
@@ -105,28 +243,42 @@ impl<'p> Scene<'p> {
         self.first_object..self.bodies.len()
     }
 
-    /// A pair of arm against arm or obstacle, unless it is exempt for good.
-    fn standing_pair<'c>(&self, a: usize, b: usize, chain: &impl Fn(usize) -> &'c Chain) -> Option<Pair> {
-        let cell = &self.problem.workcell;
+    /// A pair of arm against arm or obstacle, and which of their parts are not exempt for good.
+    fn standing_pair<'c>(
+        &self,
+        a: usize,
+        b: usize,
+        exempt: &Exempt,
+        chain: &impl Fn(usize) -> &'c Chain,
+    ) -> Option<(Pair, Checked)> {
         let Owner::Arm { arm, node } = self.bodies[a].owner else { return None };
-        let group = chain(arm).group(node);
         match self.bodies[b].owner {
             Owner::Arm { arm: other, node: other_node } if other == arm => {
-                let other_group = chain(arm).group(other_node);
-                let checked = cell.arms[arm].checks_groups(group, other_group);
-                let common = chain(arm).common(node, other_node);
-                checked.then_some(Pair { a, b, common, counted: false })
+                let groups = ordered(chain(arm).group(node), chain(arm).group(other_node));
+                if groups.0 == groups.1 || exempt.joined.contains(&(arm, groups)) {
+                    return None;
+                }
+                let checked = self.checked(a, b, |x, y| {
+                    let pair = x.zip(y).map(|(x, y)| ((ArmId(arm), x), (ArmId(arm), y)));
+                    !pair.is_some_and(|(x, y)| exempt.bodies.contains(&ordered(x, y)))
+                });
+                Some((Pair::new(a, b, chain(arm).common(node, other_node), false), checked))
             }
-            Owner::Arm { arm: other, node: other_node } => {
-                let one = (ArmId(arm), group);
-                let two = (ArmId(other), chain(other).group(other_node));
-                let allowed =
-                    cell.allowed_arm_arm.iter().any(|pair| *pair == (one, two) || *pair == (two, one));
-                (!allowed).then_some(Pair { a, b, common: 0, counted: true })
+            Owner::Arm { arm: other, .. } => {
+                let checked = match exempt.arms.contains(&ordered(arm, other)) {
+                    false => Checked::All,
+                    true => self.checked(a, b, |x, y| {
+                        let pair = x.zip(y).map(|(x, y)| ((ArmId(arm), x), (ArmId(other), y)));
+                        !pair.is_some_and(|(x, y)| exempt.bodies.contains(&ordered(x, y)))
+                    }),
+                };
+                Some((Pair::new(a, b, 0, true), checked))
             }
             Owner::Obstacle(obstacle) => {
-                let allowed = cell.allowed_arm_obstacle.contains(&(ArmId(arm), group, ObstacleId(obstacle)));
-                (!allowed).then_some(Pair { a, b, common: 0, counted: true })
+                let checked = self.checked(a, b, |x, _| {
+                    !x.is_some_and(|x| exempt.obstacles.contains(&(ArmId(arm), x, ObstacleId(obstacle))))
+                });
+                Some((Pair::new(a, b, 0, true), checked))
             }
             Owner::Object(_) => None,
         }
@@ -154,14 +306,17 @@ impl<'p> Scene<'p> {
                     Owner::Arm { arm, node } => {
                         let group = chain(arm).group(node);
                         let in_hand = self.problem.workcell.arms[arm].hand_groups.contains(&group);
-                        if (in_hand && (held == Some(arm) || open(Touch::Hand(ArmId(arm)))))
-                            || may_touch(ContactPartner::ArmGroup(ArmId(arm), group))
-                        {
+                        let some = match self.allowed.get(&(object, a)) {
+                            None => None,
+                            Some(None) => continue,
+                            Some(some) => *some,
+                        };
+                        if in_hand && (held == Some(arm) || open(Touch::Hand(ArmId(arm)))) {
                             continue;
                         }
                         let own = held == Some(arm);
                         let common = if own { chain(arm).common(node, chain(arm).mount()) } else { 0 };
-                        out.push(Pair { a, b, common, counted: !own });
+                        out.push(Pair { some, ..Pair::new(a, b, common, !own) });
                     }
                     Owner::Obstacle(obstacle) => {
                         let carries = match custody[object] {
@@ -175,7 +330,7 @@ impl<'p> Scene<'p> {
                             && !open(Touch::Carrier(ObstacleId(obstacle)))
                             && !may_touch(ContactPartner::Obstacle(ObstacleId(obstacle)))
                         {
-                            out.push(Pair { a, b, common: 0, counted: held.is_some() });
+                            out.push(Pair::new(a, b, 0, held.is_some()));
                         }
                     }
                     Owner::Object(other) => {
@@ -183,7 +338,7 @@ impl<'p> Scene<'p> {
                             continue;
                         }
                         let held_too = matches!(custody[other], Custody::Held { .. });
-                        out.push(Pair { a, b, common: 0, counted: held.is_some() || held_too });
+                        out.push(Pair::new(a, b, 0, held.is_some() || held_too));
                     }
                 }
             }
@@ -205,6 +360,6 @@ impl Body {
             parts.iter().map(|p| p.centre.add_scalar(p.radius)).reduce(|a, b| a.sup(&b)).unwrap_or_default();
         let centre = if let [only] = parts.as_slice() { only.centre } else { (low + high) * 0.5 };
         let radius = parts.iter().map(|p| (p.centre - centre).norm() + p.radius).fold(0.0, f64::max);
-        Self { owner, parts, names, centre, radius: radius * (1.0 + 1e-12) }
+        Self { owner, parts, names, of_arm: Vec::new(), centre, radius: radius * (1.0 + 1e-12) }
     }
 }

@@ -19,6 +19,33 @@ pub struct Tool {
     pub grasp_time: f64,
 }
 
+/// A body of an arm: what FORMAT "What may touch" names by `ARM/LINK` and `ARM/@tool`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum ArmBody {
+    /// A link, by its index in the model.
+    Link(usize),
+    /// The tool's collision shapes.
+    Tool,
+}
+
+impl ArmBody {
+    /// What FORMAT calls it after the arm's id and a slash.
+    pub fn name<'m>(&self, model: &'m ArmModel) -> &'m str {
+        match self {
+            Self::Link(link) => &model.links[*link].name,
+            Self::Tool => "@tool",
+        }
+    }
+}
+
+/// Two bodies of one arm, the lower one first.
+pub type BodyPair = (ArmBody, ArmBody);
+
+/// The pair of two bodies in either order.
+pub fn body_pair(a: ArmBody, b: ArmBody) -> BodyPair {
+    (a.min(b), a.max(b))
+}
+
 /// An arm in the workcell.
 #[derive(Debug, Clone)]
 pub struct Arm {
@@ -35,10 +62,12 @@ pub struct Arm {
     pub limits: Vec<JointLimits>,
     /// Home configuration.
     pub home: Config,
-    /// Pairs of rigid groups of this arm (lower index first) that are never checked against each
-    /// other: neighbours across one movable joint, pairs disabled by SRDF or `allowed_contacts`,
-    /// pairs that overlap almost always; sorted. The tool belongs to the mount link's group.
+    /// Pairs of rigid groups of this arm (lower index first) that one movable joint joins, sorted: none of their bodies
+    /// are checked against each other. The tool belongs to the mount link's group.
     pub exempt_groups: Vec<(usize, usize)>,
+    /// Pairs of bodies of this arm that are not checked against each other either, sorted: those that SRDF or
+    /// `allowed_contacts` disable, and those that overlap almost always.
+    pub exempt_bodies: Vec<BodyPair>,
     /// The rigid groups that make the hand: the mount link's group and all groups below it.
     pub hand_groups: Vec<usize>,
 }
@@ -67,9 +96,36 @@ impl Arm {
         self.model.links[self.model.mount].group
     }
 
-    /// Whether two rigid groups of this arm are to be checked against each other.
-    pub fn checks_groups(&self, a: usize, b: usize) -> bool {
-        let pair = (a.min(b), a.max(b));
-        a != b && self.exempt_groups.binary_search(&pair).is_err()
+    /// The rigid group of a body.
+    pub fn group_of(&self, body: ArmBody) -> usize {
+        match body {
+            ArmBody::Link(link) => self.model.links[link].group,
+            ArmBody::Tool => self.mount_group(),
+        }
     }
+
+    /// The bodies that have shapes, each with the link that carries it; the tool comes after its mount link.
+    pub fn bodies(&self) -> impl Iterator<Item = (ArmBody, usize, &[PlacedShape])> {
+        bodies(&self.model, &self.tool.shapes)
+    }
+
+    /// Whether two bodies of this arm are to be checked against each other.
+    pub fn checks_bodies(&self, a: ArmBody, b: ArmBody) -> bool {
+        let (one, other) = (self.group_of(a), self.group_of(b));
+        one != other
+            && self.exempt_groups.binary_search(&(one.min(other), one.max(other))).is_err()
+            && self.exempt_bodies.binary_search(&body_pair(a, b)).is_err()
+    }
+}
+
+/// The bodies of an arm that have shapes, as [`Arm::bodies`]; `tool` hangs on the mount link.
+pub fn bodies<'a>(
+    model: &'a ArmModel,
+    tool: &'a [PlacedShape],
+) -> impl Iterator<Item = (ArmBody, usize, &'a [PlacedShape])> {
+    let all = model.links.iter().enumerate().flat_map(move |(index, link)| {
+        let tool: &[PlacedShape] = if index == model.mount { tool } else { &[] };
+        [(ArmBody::Link(index), index, link.shapes.as_slice()), (ArmBody::Tool, index, tool)]
+    });
+    all.filter(|(.., shapes)| !shapes.is_empty())
 }

@@ -1,6 +1,6 @@
 //! Which bodies of one arm may touch for good (FORMAT "What may touch"), decided once at load.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeSet;
 use std::f64::consts::PI;
 
 use rand::Rng as _;
@@ -8,6 +8,7 @@ use rand::Rng as _;
 use crate::geometry::{ExactShape, Overlap, PlacedShape, Pose, Shape};
 use crate::kinematics::{ArmModel, JointLimits};
 use crate::run::Rng;
+use crate::workcell::{ArmBody, BodyPair, bodies, body_pair};
 
 /// How many random configurations decide whether a pair overlaps almost always.
 pub const SAMPLES: usize = 1000;
@@ -55,16 +56,16 @@ pub fn hand_groups(model: &ArmModel) -> Vec<usize> {
     groups.into_iter().collect()
 }
 
-/// What random configurations tell of an arm's rigid groups.
+/// What random configurations tell of an arm's bodies.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Overlaps {
     /// The pairs that overlap almost always, sorted.
-    pub pairs: Vec<GroupPair>,
+    pub pairs: Vec<BodyPair>,
     /// The work that it took to find them, in units of about 10 ns; the same at every time.
     pub work: u64,
 }
 
-/// It takes more work than it may to find out which groups overlap almost always.
+/// It takes more work than it may to find out which bodies overlap almost always.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 #[error(
     "the collision shapes are too many, too detailed or too close together to find out within reason which of \
@@ -91,7 +92,7 @@ const TEST: (u64, u64) = (50, 2);
 /// Work of measuring how deep two shapes are in each other, and what each corner of a hull adds.
 const DEPTH: (u64, u64) = (1000, 40);
 
-/// A shape of a rigid group.
+/// A shape of a body.
 struct Part {
     /// The link that carries it.
     link: usize,
@@ -133,9 +134,9 @@ impl Part {
     }
 }
 
-/// A pair of rigid groups of which nothing is decided yet.
+/// A pair of bodies of which nothing is decided yet.
 struct Undecided<'g> {
-    pair: GroupPair,
+    pair: BodyPair,
     parts: [&'g [Part]; 2],
     /// In how many configurations it was apart, and in how many not.
     apart: usize,
@@ -145,7 +146,7 @@ struct Undecided<'g> {
 }
 
 impl Undecided<'_> {
-    /// Whether the groups overlap with the links at `poses`; means nothing once `work` is too much.
+    /// Whether the bodies overlap with the links at `poses`; means nothing once `work` is too much.
     fn overlaps(&mut self, poses: &[Pose], work: &mut Work) -> bool {
         let [ours, theirs] = self.parts;
         let last = self.last;
@@ -167,9 +168,9 @@ impl Undecided<'_> {
     }
 }
 
-/// Pairs of rigid groups, `known` left out, that overlap in more than 95 % of 1,000 configurations
-/// drawn from `rng` uniformly within `limits` (a full turn for continuous joints). The tool's shapes
-/// belong to the mount link's group.
+/// Pairs of bodies that overlap in more than 95 % of 1,000 configurations drawn from `rng` uniformly within `limits` (a
+/// full turn for continuous joints); those that are rigidly joined, that one movable joint joins, and the `known` ones are
+/// left out. `tool` are the tool's shapes.
 ///
 /// # Errors
 /// [`TooMuchWork`] when it takes more than `most_work`, in the units of [`Overlaps::work`].
@@ -177,23 +178,23 @@ pub fn almost_always_overlapping(
     model: &ArmModel,
     tool: &[PlacedShape],
     limits: &[JointLimits],
-    known: &BTreeSet<GroupPair>,
+    known: &BTreeSet<BodyPair>,
     most_work: u64,
     rng: &mut Rng,
 ) -> Result<Overlaps, TooMuchWork> {
-    let mut groups: BTreeMap<usize, Vec<Part>> = BTreeMap::new();
-    for (index, link) in model.links.iter().enumerate() {
-        let carried = if index == model.mount { tool } else { &[] };
-        for placed in link.shapes.iter().chain(carried) {
-            groups.entry(link.group).or_default().push(Part::new(index, placed));
-        }
-    }
+    let joined: BTreeSet<GroupPair> = neighbours(model).into_iter().collect();
+    let all: Vec<(ArmBody, usize, Vec<Part>)> = bodies(model, tool)
+        .map(|(body, link, shapes)| {
+            (body, model.links[link].group, shapes.iter().map(|shape| Part::new(link, shape)).collect())
+        })
+        .collect();
     let mut open: Vec<Undecided<'_>> = Vec::new();
-    for (a, ours) in &groups {
-        for (b, theirs) in groups.range(a + 1..) {
-            if !known.contains(&(*a, *b)) {
+    for (index, (a, group, ours)) in all.iter().enumerate() {
+        for (b, other, theirs) in &all[index + 1..] {
+            let pair = body_pair(*a, *b);
+            if group != other && !joined.contains(&group_pair(*group, *other)) && !known.contains(&pair) {
                 let parts = [ours.as_slice(), theirs.as_slice()];
-                open.push(Undecided { pair: (*a, *b), parts, apart: 0, together: 0, last: (0, 0) });
+                open.push(Undecided { pair, parts, apart: 0, together: 0, last: (0, 0) });
             }
         }
     }
@@ -241,6 +242,8 @@ pub fn almost_always_overlapping(
 
 #[cfg(test)]
 mod tests {
+    use std::collections::BTreeMap;
+
     use super::*;
     use crate::kinematics::{Link, LinkMotion, NoMeshes, library};
     use crate::run::Seed;
@@ -347,15 +350,16 @@ mod tests {
             let mut rng = Seed(1).stream("test");
             almost_always_overlapping(&model, tool, &limits, known, u64::MAX, &mut rng).unwrap().pairs
         };
-        let all = run(&BTreeSet::new(), &[]);
-        // The ball around the upper link holds base and wrist; base and wrist stay 0.2 m apart.
-        let (base, upper, wrist) = (group(&model, "base"), group(&model, "upper"), group(&model, "wrist"));
-        assert_eq!(all, vec![group_pair(base, upper), group_pair(upper, wrist)]);
-        assert!(run(&all.iter().copied().collect(), &[]).is_empty());
-        // A tool that reaches back to the base.
+        // The ball around the upper link holds base and wrist, which are joined to it by one joint; base and wrist stay
+        // 0.2 m apart.
+        assert_eq!(run(&BTreeSet::new(), &[]), vec![]);
+        // A tool that reaches back to the base: the wrist that carries it does not.
         let shape = crate::geometry::Shape::Sphere { radius: 0.6 };
         let tool = [PlacedShape { shape, pose: Pose::identity() }];
-        assert!(run(&BTreeSet::new(), &tool).contains(&group_pair(base, wrist)));
+        let found = run(&BTreeSet::new(), &tool);
+        let base = ArmBody::Link(model.link_index("base").unwrap());
+        assert_eq!(found, vec![(base, ArmBody::Tool)]);
+        assert!(run(&found.into_iter().collect(), &tool).is_empty());
     }
 
     #[test]
@@ -363,8 +367,8 @@ mod tests {
         let robot = library("iiwa14").unwrap();
         let model = load(robot.urdf, "flange");
         let limits: Vec<_> = model.joints.iter().map(|joint| joint.limits).collect();
-        let mut known: BTreeSet<_> = neighbours(&model).into_iter().collect();
-        known.extend(crate::kinematics::disabled_group_pairs(robot.srdf, &model).unwrap());
+        let disabled = crate::kinematics::disabled_link_pairs(robot.srdf, &model).unwrap();
+        let known = disabled.into_iter().map(|(a, b)| (ArmBody::Link(a), ArmBody::Link(b))).collect();
         let extra = overlapping(&model, &limits, &known, u64::MAX).unwrap();
         assert!(extra.pairs.is_empty(), "{extra:?}");
         // Next to nothing beside what a document may ask for.
@@ -374,7 +378,7 @@ mod tests {
     fn overlapping(
         model: &ArmModel,
         limits: &[JointLimits],
-        known: &BTreeSet<GroupPair>,
+        known: &BTreeSet<BodyPair>,
         most_work: u64,
     ) -> Result<Overlaps, TooMuchWork> {
         let mut rng = Seed(0).stream("test");
@@ -382,13 +386,10 @@ mod tests {
     }
 
     /// The rule as FORMAT has it: every pair in each of the configurations.
-    fn by_the_letter(
-        model: &ArmModel,
-        limits: &[JointLimits],
-        known: &BTreeSet<GroupPair>,
-    ) -> Vec<GroupPair> {
+    fn by_the_letter(model: &ArmModel, limits: &[JointLimits]) -> Vec<BodyPair> {
         let mut rng = Seed(0).stream("test");
-        let mut counts: BTreeMap<GroupPair, usize> = BTreeMap::new();
+        let mut counts: BTreeMap<BodyPair, usize> = BTreeMap::new();
+        let joined = neighbours(model);
         let bodies: Vec<Vec<ExactShape>> =
             model.links.iter().map(|link| link.shapes.iter().map(ExactShape::new).collect()).collect();
         let mut poses = Vec::new();
@@ -400,24 +401,17 @@ mod tests {
                 let mut pairs = bodies[i].iter().flat_map(|a| bodies[j].iter().map(move |b| (a, b)));
                 pairs.any(|(a, b)| a.gap(&poses[i], b, &poses[j], 0.0) < 0.0)
             };
-            let mut together = BTreeSet::new();
             for (i, one) in model.links.iter().enumerate() {
-                for (j, other) in model.links.iter().enumerate() {
-                    if one.group < other.group && overlap(i, j) {
-                        together.insert((one.group, other.group));
+                for (j, other) in model.links.iter().enumerate().skip(i + 1) {
+                    let groups = group_pair(one.group, other.group);
+                    if one.group != other.group && !joined.contains(&groups) && overlap(i, j) {
+                        *counts.entry((ArmBody::Link(i), ArmBody::Link(j))).or_default() += 1;
                     }
                 }
             }
-            for pair in together {
-                *counts.entry(pair).or_default() += 1;
-            }
         }
         let often = |count: &usize| *count as f64 > SAMPLES as f64 * ALMOST_ALWAYS;
-        counts
-            .into_iter()
-            .filter(|(pair, count)| often(count) && !known.contains(pair))
-            .map(|(pair, _)| pair)
-            .collect()
+        counts.into_iter().filter(|(_, count)| often(count)).map(|(pair, _)| pair).collect()
     }
 
     #[test]
@@ -440,9 +434,8 @@ mod tests {
         models.extend([0.2, 0.9, 1.0, 1.1, 1.2, 1.5].map(|width| load(&swinging(width), "tip")));
         for model in models {
             let limits: Vec<_> = model.joints.iter().map(|joint| joint.limits).collect();
-            let known: BTreeSet<_> = neighbours(&model).into_iter().collect();
-            let found = overlapping(&model, &limits, &known, u64::MAX).unwrap().pairs;
-            assert_eq!(found, by_the_letter(&model, &limits, &known));
+            let found = overlapping(&model, &limits, &BTreeSet::new(), u64::MAX).unwrap().pairs;
+            assert_eq!(found, by_the_letter(&model, &limits));
             answers.insert(found.len());
         }
         assert!(answers.contains(&0) && answers.len() > 1, "{answers:?}");
@@ -471,7 +464,7 @@ mod tests {
     fn a_clump_is_found_or_refused_always_alike() {
         let model = clump(8);
         let limits: Vec<_> = model.joints.iter().map(|joint| joint.limits).collect();
-        let known: BTreeSet<_> = neighbours(&model).into_iter().collect();
+        let known = BTreeSet::new();
         let found = overlapping(&model, &limits, &known, u64::MAX).unwrap();
         assert_eq!(found.pairs.len(), 8 * 7 / 2 - 7);
         assert_eq!(overlapping(&model, &limits, &known, u64::MAX), Ok(found.clone()));

@@ -11,7 +11,7 @@ mod object;
 mod resting;
 mod symmetry;
 
-pub use arm::{Arm, Tool};
+pub use arm::{Arm, ArmBody, BodyPair, Tool, bodies, body_pair};
 pub use body::{Obstacle, Surface};
 pub use grasps::{GraspError, GraspGenerator, footprint};
 pub use object::{Grasp, ObjectModel, Symmetry};
@@ -43,8 +43,20 @@ pub struct Workcell {
     pub obstacles: Vec<Obstacle>,
     /// Areas on which objects may stand.
     pub surfaces: Vec<Surface>,
-    /// Pairs of (arm, rigid group) and obstacle that `allowed_contacts` exempts.
-    pub allowed_arm_obstacle: Vec<(ArmId, usize, ObstacleId)>,
-    /// Pairs of rigid groups of two different arms that `allowed_contacts` exempts.
-    pub allowed_arm_arm: Vec<((ArmId, usize), (ArmId, usize))>,
+    /// Bodies of arms and obstacles that `allowed_contacts` exempts from each other, sorted.
+    pub allowed_arm_obstacle: Vec<(ArmId, ArmBody, ObstacleId)>,
+    /// Bodies of two different arms that `allowed_contacts` exempts from each other, the lower arm first, sorted.
+    pub allowed_arm_arm: Vec<((ArmId, ArmBody), (ArmId, ArmBody))>,
+}
+
+impl Workcell {
+    /// Whether `allowed_contacts` lets a body of an arm touch `obstacle`.
+    pub fn arm_may_touch(&self, arm: ArmId, body: ArmBody, obstacle: ObstacleId) -> bool {
+        self.allowed_arm_obstacle.binary_search(&(arm, body, obstacle)).is_ok()
+    }
+
+    /// Whether `allowed_contacts` lets bodies of two different arms touch.
+    pub fn arms_may_touch(&self, one: (ArmId, ArmBody), other: (ArmId, ArmBody)) -> bool {
+        self.allowed_arm_arm.binary_search(&(one.min(other), one.max(other))).is_ok()
+    }
 }

@@ -202,7 +202,7 @@ fn srdfs() {
 
 /// The points of a mesh, whatever comes of it.
 fn mesh(name: &str, bytes: &[u8]) {
-    drop(quadrille::kinematics::mesh_points(name, bytes, &Vec3::repeat(1.0)));
+    drop(quadrille::kinematics::read_mesh(name, bytes, &Vec3::repeat(1.0)).map(|content| content.pieces()));
 }
 
 #[test]

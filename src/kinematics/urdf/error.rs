@@ -1,6 +1,6 @@
 //! What can be wrong with a URDF.
 
-use super::mesh::MeshError;
+use super::mesh::{MeshError, MeshFilled};
 use crate::kinematics::JointLimits;
 use crate::kinematics::xml::XmlError;
 
@@ -256,13 +256,15 @@ impl LimitFault {
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum UrdfWarning {
-    /// A mesh counts as its convex hull.
-    #[error("link \"{link}\": mesh \"{uri}\" counts as its convex hull")]
-    MeshAsHull {
+    /// A mesh counts as more than it is.
+    #[error("link \"{link}\": mesh \"{uri}\" {filled}")]
+    MeshFilled {
         /// The link.
         link: String,
         /// The mesh's URI.
         uri: String,
+        /// How.
+        filled: MeshFilled,
     },
     /// The second reader does not read the text, so that nothing confirms the first.
     #[error("read by one of two readers only, the other says: {why}")]

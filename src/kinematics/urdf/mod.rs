@@ -11,7 +11,7 @@ mod shapes;
 mod tree;
 
 pub use error::{LimitFault, UrdfError, UrdfWarning};
-pub use mesh::{MAX_MESH_BYTES, MeshError, MeshResolver, NoMeshes, mesh_points};
+pub use mesh::{MAX_MESH_BYTES, MeshError, MeshFilled, MeshPieces, MeshResolver, NoMeshes, read_mesh};
 
 use std::collections::BTreeMap;
 
@@ -40,13 +40,18 @@ impl UrdfSize {
 
     /// Whether `robot` is within it.
     fn check(&self, robot: &RobotElement) -> Result<(), UrdfError> {
-        let shapes: usize = robot.links.iter().map(|link| link.collisions.len()).sum();
-        for (what, count, most) in
-            [("links", robot.links.len(), self.links), ("collision shapes", shapes, self.shapes)]
-        {
-            if count > most {
-                return Err(UrdfError::TooMany { what, count, most });
-            }
+        let (links, most) = (robot.links.len(), self.links);
+        if links > most {
+            return Err(UrdfError::TooMany { what: "links", count: links, most });
+        }
+        self.check_shapes(robot.links.iter().map(|link| link.collisions.len()).sum())
+    }
+
+    /// Whether so many collision shapes are within it.
+    fn check_shapes(&self, count: usize) -> Result<(), UrdfError> {
+        let most = self.shapes;
+        if count > most {
+            return Err(UrdfError::TooMany { what: "collision shapes", count, most });
         }
         Ok(())
     }
@@ -123,9 +128,13 @@ impl ArmModel {
         }
         let mut links: Vec<Link> = Vec::with_capacity(robot.links.len());
         let mut groups = 1;
+        // A mesh has several convex pieces, perhaps.
+        let mut count = 0;
         for &index in &tree.order {
             let element = &robot.links[index];
             let shapes = shapes::link_shapes(element, meshes, &mut warnings)?;
+            count += shapes.len();
+            size.check_shapes(count)?;
             let link_name = element.name.clone();
             let parent = tree.parent[index].map(|link| place[link]);
             let (origin, motion, group) = match (tree.joint_above[index], parent) {

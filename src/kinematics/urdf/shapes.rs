@@ -17,6 +17,22 @@ pub(super) fn link_shapes(
     let mut shapes = Vec::with_capacity(link.collisions.len());
     for CollisionElement { pose, geometry } in &link.collisions {
         let shape = match geometry {
+            GeometryElement::Mesh { uri, scale } => {
+                let mesh = meshes.pieces(uri, scale).map_err(|error| UrdfError::Mesh {
+                    link: cut(&link.name),
+                    uri: cut(uri),
+                    error,
+                })?;
+                if let Some(filled) = mesh.filled {
+                    warnings.push(UrdfWarning::MeshFilled { link: cut(&link.name), uri: cut(uri), filled });
+                }
+                shapes.extend(
+                    mesh.hulls
+                        .into_iter()
+                        .map(|hull| PlacedShape { shape: Shape::Convex(hull), pose: *pose }),
+                );
+                continue;
+            }
             GeometryElement::Box { size } => Shape::Box { half_extents: size / 2.0 },
             GeometryElement::Sphere { radius } => Shape::Sphere { radius: *radius },
             GeometryElement::Cylinder { radius, length } => {
@@ -24,15 +40,6 @@ pub(super) fn link_shapes(
             }
             GeometryElement::Capsule { radius, length } => {
                 Shape::Capsule { radius: *radius, half_length: length / 2.0 }
-            }
-            GeometryElement::Mesh { uri, scale } => {
-                let hull = meshes.hull(uri, scale).map_err(|error| UrdfError::Mesh {
-                    link: cut(&link.name),
-                    uri: cut(uri),
-                    error,
-                })?;
-                warnings.push(UrdfWarning::MeshAsHull { link: cut(&link.name), uri: cut(uri) });
-                Shape::Convex(hull)
             }
         };
         shapes.push(PlacedShape { shape, pose: *pose });

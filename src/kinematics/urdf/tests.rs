@@ -1,10 +1,9 @@
 use std::collections::BTreeMap;
-use std::sync::Arc;
 
 use proptest::prelude::*;
 
 use super::*;
-use crate::geometry::{ConvexHull, Shape, Vec3};
+use crate::geometry::{Shape, Vec3};
 use crate::kinematics::{library, library_names};
 
 fn load(urdf: &str, mount: &str) -> Result<(ArmModel, Vec<UrdfWarning>), UrdfError> {
@@ -68,7 +67,7 @@ fn every_library_robot_loads() {
         let robot = library(name).unwrap();
         let (model, warnings) = load(robot.urdf, "flange").unwrap();
         assert!(warnings.is_empty(), "{name}");
-        assert!(crate::kinematics::disabled_group_pairs(robot.srdf, &model).is_ok(), "{name}");
+        assert!(crate::kinematics::disabled_link_pairs(robot.srdf, &model).is_ok(), "{name}");
         for joint in &model.joints {
             assert!(joint.limits.velocity > 0.0 && joint.limits.acceleration > 0.0, "{name} {}", joint.name);
         }
@@ -228,14 +227,17 @@ fn two_readers_must_agree() {
 fn a_mesh_counts_as_its_hull_with_a_warning() {
     struct Tetrahedron;
     impl MeshResolver for Tetrahedron {
-        fn hull(&self, uri: &str, scale: &Vec3) -> Result<Arc<ConvexHull>, MeshError> {
+        fn pieces(&self, uri: &str, scale: &Vec3) -> Result<MeshPieces, MeshError> {
             let text = match uri {
                 "package://p/l.obj" => "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 2 3\nf 1 2 4\n",
+                "package://p/two.obj" => {
+                    "o a\nv 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n\
+                     o b\nv 5 0 0\nv 6 0 0\nv 5 1 0\nv 5 0 1\nf 5 7 6\nf 5 6 8\nf 5 8 7\nf 6 7 8\n"
+                }
                 "package://p/flat.obj" => "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n",
                 _ => return Err(MeshError::Unresolved),
             };
-            let (points, _) = mesh_points(uri, text.as_bytes(), scale)?;
-            Ok(Arc::new(ConvexHull::new(&points)?))
+            read_mesh(uri, text.as_bytes(), scale)?.pieces()
         }
     }
     let text = |file: &str| {
@@ -249,8 +251,15 @@ fn a_mesh_counts_as_its_hull_with_a_warning() {
     };
     let load = |file: &str| ArmModel::from_urdf("r", &text(file), "hand", &BTreeMap::new(), &Tetrahedron);
     let (model, warnings) = load("l.obj").unwrap();
-    assert!(matches!(warnings.as_slice(), [UrdfWarning::MeshAsHull { .. }]));
+    assert!(matches!(warnings.as_slice(), [UrdfWarning::MeshFilled { filled: MeshFilled::Hull, .. }]));
     assert!((model.links[1].shapes[0].shape.support(&Vec3::z()) - 2.0).abs() < 1e-6);
+    let (model, warnings) = load("two.obj").unwrap();
+    assert_eq!((model.links[1].shapes.len(), warnings.len()), (2, 0), "{warnings:?}");
+    // Its pieces count, not its files.
+    let size = UrdfSize { links: 10, shapes: 1 };
+    let within =
+        ArmModel::from_urdf_within("r", &text("two.obj"), "hand", &BTreeMap::new(), &Tetrahedron, size);
+    assert!(matches!(within, Err(UrdfError::TooMany { count: 2, most: 1, .. })));
     assert!(matches!(load("flat.obj"), Err(UrdfError::Mesh { error: MeshError::NoHull(_), .. })));
 }
 

@@ -68,6 +68,7 @@ impl Cell {
             limits: limits.clone(),
             home: Config::from_elem(0.0, 7),
             exempt_groups: Vec::new(),
+            exempt_bodies: Vec::new(),
             hand_groups: Vec::new(),
         };
         let surface = |(index, (centre, half)): (usize, &([f64; 2], [f64; 2]))| Surface {

@@ -7,9 +7,9 @@ use proptest::prelude::*;
 use super::gantry::*;
 use crate::geometry::{ExactShape, Pose};
 use crate::plan::{ArmTrajectory, Plan};
-use crate::problem::Problem;
+use crate::problem::{ContactPartner, Problem};
 use crate::verify::{Rule, Verdict, verify};
-use crate::workcell::{Obstacle, ObstacleId, Workcell};
+use crate::workcell::{ArmBody, Obstacle, ObstacleId, Workcell};
 
 fn cell(problem: &mut Problem) -> &mut Workcell {
     Arc::make_mut(&mut problem.workcell)
@@ -78,13 +78,17 @@ fn bodies_of_one_arm_and_of_two() {
     left[8] = (8.0, [-0.3, 0.0, 1.46]);
     let verdict = verify(&problem(), &plan([left, right_ways()], actions()));
     collides(&verdict, "left/beam", "left/@tool");
-    // Allowed for good.
+    // Allowed for good: of the tool, not of the link that carries it.
+    let beam = ArmBody::Link(problem().workcell.arms[0].model.link_index("beam").expect("a beam"));
     let mut allowed = problem();
-    cell(&mut allowed).arms[0].exempt_groups.push((1, 3));
-    cell(&mut allowed).arms[0].exempt_groups.sort_unstable();
+    cell(&mut allowed).arms[0].exempt_bodies.push((beam, ArmBody::Tool));
     let mut left = left_ways();
     left[8] = (8.0, [-0.3, 0.0, 1.46]);
-    assert!(verify(&allowed, &plan([left, right_ways()], actions())).valid);
+    let up = plan([left, right_ways()], actions());
+    assert!(verify(&allowed, &up).valid);
+    // The link that carries the tool is another body of the same group.
+    bare_rod(&mut allowed);
+    collides(&verify(&allowed, &up), "left/beam", "left/rod");
     // Beam against beam, when the left one stays too long.
     let mut left = left_ways();
     left[8] = (9.0, [1.6, 0.0, 0.9]);
@@ -101,8 +105,32 @@ fn allowed_contacts_are_allowed() {
     collides(&with_obstacle(wall()), "wall", "left/@tool");
     let mut problem = problem();
     cell(&mut problem).obstacles.push(wall());
-    cell(&mut problem).allowed_arm_obstacle.push((LEFT, 3, ObstacleId(2)));
+    cell(&mut problem).allowed_arm_obstacle.push((LEFT, ArmBody::Tool, ObstacleId(2)));
     assert!(verify(&problem, &dance()).valid);
+    bare_rod(&mut problem);
+    collides(&verify(&problem, &dance()), "wall", "left/rod");
+}
+
+#[test]
+fn an_object_may_touch_the_bodies_named_and_no_others() {
+    let mut problem = problem();
+    // In the way of the hand, not of what it takes.
+    problem.initial[1] =
+        crate::problem::InitialPlacement::Resting { pose: at([-0.12, 0.045, 0.53]), surface: TABLE_A };
+    collides(&verify(&problem, &dance()), "left/@tool", "blue");
+    let blue = crate::workcell::ObjectId(1);
+    problem.allowed_object_contacts.push((blue, ContactPartner::Arm(LEFT, ArmBody::Tool)));
+    let verdict = verify(&problem, &dance());
+    assert!(verdict.valid, "{verdict}");
+    bare_rod(&mut problem);
+    collides(&verify(&problem, &dance()), "left/rod", "blue");
+}
+
+/// Gives the left arm's last link, which carries the tool, the tool's shape.
+fn bare_rod(problem: &mut Problem) {
+    let arm = &mut cell(problem).arms[0];
+    let model = Arc::make_mut(&mut arm.model);
+    model.links[model.mount].shapes.clone_from(&arm.tool.shapes);
 }
 
 #[test]

@@ -97,6 +97,7 @@ pub fn gantry(id: &str, sign: f64, home: [f64; 3]) -> Arm {
         limits,
         home: home.into_iter().collect(),
         exempt_groups: vec![(0, 1), (1, 2), (2, 3)],
+        exempt_bodies: Vec::new(),
         hand_groups: vec![3],
     }
 }

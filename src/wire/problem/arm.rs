@@ -14,8 +14,8 @@ use crate::kinematics::{ArmModel, Config, Joint, JointLimits};
 use crate::run::Seed;
 use crate::wire::fault::FaultCode;
 use crate::wire::reader::{Fields, Node, Range, shown};
-use crate::workcell::contacts::{self, GroupPair, TooMuchWork};
-use crate::workcell::{Arm, Tool};
+use crate::workcell::contacts::{self, TooMuchWork};
+use crate::workcell::{Arm, BodyPair, Tool};
 
 /// A missing acceleration limit is this many times the velocity limit, per second.
 const DEFAULT_ACCELERATION_FACTOR: f64 = 5.0;
@@ -100,16 +100,17 @@ impl ArmReader<'_> {
         let value = |joint: &Joint| home.get(&joint.name).map_or(0.0, |(value, _)| *value);
         let home = loaded.model.joints.iter().map(value).collect();
         let tool = tool?;
-        let exempt_groups = self.exempt(&loaded, &tool, &limits, robot, context)?;
+        let exempt_bodies = self.exempt(&loaded, &tool, &limits, robot, context)?;
         Some(Arm {
             id: id?,
             hand_groups: contacts::hand_groups(&loaded.model),
+            exempt_groups: contacts::neighbours(&loaded.model),
             model: loaded.model,
             base: base?,
             tool,
             limits,
             home,
-            exempt_groups,
+            exempt_bodies,
         })
     }
 
@@ -203,7 +204,8 @@ impl ArmReader<'_> {
         }
     }
 
-    /// The pairs of rigid groups that may touch for good; `None` when that takes too much work to find out.
+    /// The pairs of bodies that may touch for good, beyond those whose groups are joined; `None` when that takes too much
+    /// work to find out.
     fn exempt(
         &mut self,
         loaded: &LoadedModel,
@@ -211,10 +213,9 @@ impl ArmReader<'_> {
         limits: &[JointLimits],
         robot: &RobotSpec,
         context: &mut Context<'_>,
-    ) -> Option<Vec<GroupPair>> {
+    ) -> Option<Vec<BodyPair>> {
         let model = &loaded.model;
-        let mut pairs: BTreeSet<GroupPair> = contacts::neighbours(model).into_iter().collect();
-        pairs.extend(loaded.disabled.iter().copied());
+        let mut pairs: BTreeSet<BodyPair> = loaded.disabled.iter().copied().collect();
         let key = OverlapKey {
             model: Arc::clone(model),
             tool: shape_bits(&tool.shapes),
@@ -226,8 +227,8 @@ impl ArmReader<'_> {
             let message = format!(
                 "{} and {} overlap in more than 95 % of 1,000 random configurations and are not checked \
                  against each other",
-                group_names(model, *a),
-                group_names(model, *b)
+                a.name(model),
+                b.name(model)
             );
             if self.warned.insert(format!("{} {message}", robot.name())) {
                 context.faults.warn(robot.pointer(), FaultCode::InitialCollision, message);
@@ -245,7 +246,7 @@ impl ArmReader<'_> {
         tool: &Tool,
         robot: &RobotSpec,
         context: &mut Context<'_>,
-    ) -> Option<Vec<GroupPair>> {
+    ) -> Option<Vec<BodyPair>> {
         let left = self.work_left?;
         let most = context.limits.max_overlap_work;
         let known = self.known.filter(|known| known.keeps(&key.model));
@@ -277,12 +278,6 @@ impl ArmReader<'_> {
     }
 }
 
-fn group_names(model: &ArmModel, group: usize) -> String {
-    let names: Vec<&str> =
-        model.links.iter().filter(|link| link.group == group).map(|link| link.name.as_str()).collect();
-    names.join("+")
-}
-
 /// The mount link's name and the tool; the tool is `None` when its parts are at fault.
 fn read_tool<'a>(fields: &mut Fields<'a>, context: &mut Context<'_>) -> Option<(Node<'a>, Option<Tool>)> {
     let mount = fields
@@ -297,9 +292,13 @@ fn read_tool<'a>(fields: &mut Fields<'a>, context: &mut Context<'_>) -> Option<(
             let Some(mut fields) = node.fields(&mut context.faults) else { continue };
             let pose = optional_pose(&mut fields, "pose", context);
             if let (Some(node), Some(pose)) = (fields.required("shape", &mut context.faults), pose) {
-                shapes.extend(read_shape(&node, pose, context));
+                shapes.extend(read_shape(&node, pose, context).into_iter().flatten());
             }
             fields.finish(&mut context.faults);
+        }
+        if shapes.len() > most {
+            let message = format!("{} convex pieces of meshes, at most {most} are taken", shapes.len());
+            node.fault(&mut context.faults, FaultCode::TooLarge, message);
         }
     }
     let max_opening = match fields.optional("max_opening") {

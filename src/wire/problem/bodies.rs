@@ -1,7 +1,7 @@
 //! Bodies in place, and how deep they overlap: the exact test of the start and the goal.
 
 use crate::geometry::{ExactShape, PlacedShape, Pose};
-use crate::workcell::{Arm, Obstacle};
+use crate::workcell::{Arm, ArmBody, Obstacle};
 
 /// Contact is an overlap deeper than this (m).
 pub const CONTACT_DEPTH: f64 = 0.002;
@@ -11,8 +11,8 @@ pub const CONTACT_DEPTH: f64 = 0.002;
 pub struct Body {
     /// FORMAT's name of the body.
     pub name: String,
-    /// The rigid group, for a part of an arm.
-    pub group: usize,
+    /// Which of an arm's bodies it is, if it is one.
+    pub of_arm: Option<ArmBody>,
     shapes: Vec<ExactShape>,
     pose: Pose,
     /// Ball around the body's shapes in its frame, as centre and radius.
@@ -21,18 +21,18 @@ pub struct Body {
 
 impl Body {
     /// A body of `shapes` at `pose`.
-    pub fn new(name: String, group: usize, shapes: &[PlacedShape], pose: Pose) -> Self {
+    pub fn new(name: String, of_arm: Option<ArmBody>, shapes: &[PlacedShape], pose: Pose) -> Self {
         let shapes: Vec<ExactShape> = shapes.iter().map(ExactShape::new).collect();
         let count = shapes.len().max(1) as f64;
         let centre = shapes.iter().map(|shape| shape.centre).sum::<crate::geometry::Vec3>() / count;
         let radius =
             shapes.iter().map(|shape| (shape.centre - centre).norm() + shape.radius).fold(0.0, f64::max);
-        Self { name, group, shapes, pose, ball: (centre, radius) }
+        Self { name, of_arm, shapes, pose, ball: (centre, radius) }
     }
 
     /// An obstacle.
     pub fn obstacle(obstacle: &Obstacle) -> Self {
-        Self::new(obstacle.id.clone(), 0, &obstacle.shapes, obstacle.pose)
+        Self::new(obstacle.id.clone(), None, &obstacle.shapes, obstacle.pose)
     }
 
     /// How deep (m) it overlaps `other`; `None` when that is no contact.
@@ -56,18 +56,11 @@ impl Body {
 pub fn arm_bodies(arm: &Arm, q: &[f64]) -> Vec<Body> {
     let mut poses = Vec::new();
     arm.model.link_poses(q, &mut poses);
-    let mut bodies = Vec::new();
-    for (index, (link, pose)) in arm.model.links.iter().zip(&poses).enumerate() {
-        if !link.shapes.is_empty() {
-            let name = format!("{}/{}", arm.id, link.name);
-            bodies.push(Body::new(name, link.group, &link.shapes, arm.base * pose));
-        }
-        if index == arm.model.mount && !arm.tool.shapes.is_empty() {
-            let name = format!("{}/@tool", arm.id);
-            bodies.push(Body::new(name, link.group, &arm.tool.shapes, arm.base * pose));
-        }
-    }
-    bodies
+    let named = |(body, link, shapes): (ArmBody, usize, &[PlacedShape])| {
+        let name = format!("{}/{}", arm.id, body.name(&arm.model));
+        Body::new(name, Some(body), shapes, arm.base * poses[link])
+    };
+    arm.bodies().map(named).collect()
 }
 
 /// The deepest contact among the pairs that `checks` lets through.

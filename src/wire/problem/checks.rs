@@ -351,7 +351,7 @@ fn placed_at_start<'d>(draft: &'d Draft, initial: &[Option<InitialPlacement>]) -
             (None, Start::Pose(pose)) => (*pose, None, None),
             (None, Start::Held(..)) => continue,
         };
-        let body = vec![Body::new(object.id.clone(), 0, &object.shapes, pose)];
+        let body = vec![Body::new(object.id.clone(), None, &object.shapes, pose)];
         out.push(PlacedObject {
             object: ObjectId(index),
             id: &object.id,
@@ -375,7 +375,7 @@ fn placed_at_goal<'d>(draft: &'d Draft, goal: &[Option<GoalPlacement>]) -> Vec<P
             Some(GoalPlacement::Pose { surface, .. }) => draft.carrier(*surface),
             _ => None,
         };
-        let body = vec![Body::new(object.id.clone(), 0, &object.shapes, pose)];
+        let body = vec![Body::new(object.id.clone(), None, &object.shapes, pose)];
         out.push(PlacedObject {
             object: ObjectId(index),
             id: &object.id,
@@ -480,8 +480,9 @@ fn check_arms(
         }
         for other in &arms[..index] {
             let checks = |a: &Body, b: &Body| {
-                let (a, b) = ((ArmId(one.index), a.group), (ArmId(other.index), b.group));
-                !draft.allowed.arm_arm.contains(&(a.min(b), a.max(b)))
+                let pair =
+                    a.of_arm.zip(b.of_arm).map(|(a, b)| ((ArmId(one.index), a), (ArmId(other.index), b)));
+                pair.is_none_or(|(a, b)| !draft.allowed.arm_arm.contains(&(a.min(b), a.max(b))))
             };
             if let Some((a, b, depth)) = deepest(&one.bodies, &other.bodies, checks) {
                 let message =
@@ -508,15 +509,17 @@ fn contacts_of_arm<'b>(
     obstacles: &'b [(usize, Vec<Body>)],
 ) -> Vec<Contact<'b>> {
     let mut contacts = Vec::new();
-    let itself = |a: &Body, b: &Body| a.group < b.group && placed.arm.checks_groups(a.group, b.group);
+    let itself = |a: &Body, b: &Body| {
+        a.of_arm < b.of_arm && a.of_arm.zip(b.of_arm).is_some_and(|(a, b)| placed.arm.checks_bodies(a, b))
+    };
     if let Some((a, b, depth)) = deepest(&placed.bodies, &placed.bodies, itself) {
         let advice = "change the configuration, or exempt the pair";
         contacts.push(Contact { bodies: [&a.name, &b.name], depth, advice });
     }
     for (obstacle, body) in obstacles {
         let checks = |a: &Body, _: &Body| {
-            let contact = (ArmId(placed.index), a.group, ObstacleId(*obstacle));
-            !draft.allowed.arm_obstacle.contains(&contact)
+            let contact = a.of_arm.map(|body| (ArmId(placed.index), body, ObstacleId(*obstacle)));
+            contact.is_none_or(|contact| !draft.allowed.arm_obstacle.contains(&contact))
         };
         if let Some((a, b, depth)) = deepest(&placed.bodies, body, checks) {
             let advice = "change the configuration, move one of them, or list the pair in allowed_contacts";
@@ -536,9 +539,11 @@ fn check_arms_against_objects(
     for arm in arms.iter().filter(|arm| !arm.assumed) {
         for object in objects {
             let checks = |part: &Body, _: &Body| {
-                let held = object.holder == Some(arm.index) && arm.arm.hand_groups.contains(&part.group);
-                let partner = ContactPartner::ArmGroup(ArmId(arm.index), part.group);
-                !held && !draft.allowed.object.contains(&(object.object, partner))
+                let Some(body) = part.of_arm else { return true };
+                let is_hand = arm.arm.hand_groups.contains(&arm.arm.group_of(body));
+                let partner = ContactPartner::Arm(ArmId(arm.index), body);
+                let is_held = is_hand && object.holder == Some(arm.index);
+                !is_held && !draft.allowed.object.contains(&(object.object, partner))
             };
             if let Some((part, _, depth)) = deepest(&arm.bodies, &object.body, checks) {
                 let message = collision_message(&part.name, object.id, depth, "move one of them away");

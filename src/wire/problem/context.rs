@@ -37,6 +37,8 @@ pub struct Context<'r> {
     pub bare: bool,
     /// What is wrong so far.
     pub faults: Faults,
+    /// Convex pieces of meshes so far, but for one of each mesh.
+    pub pieces: usize,
     /// Digests of the contents of references, by JSON pointer.
     pub contents: BTreeMap<String, String>,
     names: BTreeMap<String, Named>,
@@ -54,6 +56,7 @@ impl<'r> Context<'r> {
             meshes: Rc::new(Meshes::new(resources, limits)),
             bare: false,
             faults: Faults::new(limits.max_faults),
+            pieces: 0,
             contents: BTreeMap::new(),
             names: BTreeMap::new(),
             names_complete: true,

@@ -5,7 +5,8 @@ use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use crate::kinematics::{ArmModel, JointLimits, UrdfWarning};
-use crate::workcell::contacts::{GroupPair, Overlaps, TooMuchWork};
+use crate::workcell::BodyPair;
+use crate::workcell::contacts::{Overlaps, TooMuchWork};
 
 /// Models that are kept at most; beyond it all are forgotten.
 const MOST_MODELS: usize = 32;
@@ -13,7 +14,7 @@ const MOST_MODELS: usize = 32;
 /// Longest URDF (bytes) that is kept.
 const LONGEST_URDF: usize = 200_000;
 
-/// Answers about overlapping groups that are kept at most.
+/// Answers about overlapping bodies that are kept at most.
 const MOST_OVERLAPPING: usize = 128;
 
 /// All that decides a model without meshes.
@@ -29,7 +30,7 @@ pub(super) struct RobotKey {
     pub held: BTreeMap<String, f64>,
 }
 
-/// All that decides which pairs of rigid groups overlap almost always.
+/// All that decides which pairs of bodies overlap almost always.
 #[derive(Debug, Clone)]
 pub(super) struct OverlapKey {
     /// The model, told apart by its place in memory.
@@ -39,7 +40,7 @@ pub(super) struct OverlapKey {
     /// Limits of the chain's joints.
     pub limits: Vec<JointLimits>,
     /// Pairs that are exempt already.
-    pub exempt: Vec<GroupPair>,
+    pub exempt: Vec<BodyPair>,
 }
 
 impl PartialEq for OverlapKey {
@@ -57,7 +58,7 @@ pub(super) type Answer = Result<Overlaps, TooMuchWork>;
 /// A model with what is to be said of it.
 pub(super) type Model = (Arc<ArmModel>, Vec<UrdfWarning>);
 
-/// Models of robots without meshes, and which of their rigid groups overlap almost always; bounded in number, shared by
+/// Models of robots without meshes, and which of their bodies overlap almost always; bounded in number, shared by
 /// threads. A document means the same whether its robots are known.
 #[derive(Debug, Default)]
 pub struct KnownRobots(Mutex<Known>);

@@ -11,7 +11,7 @@ pub struct ReadLimits {
     pub max_robots: usize,
     /// Links of one robot.
     pub max_links: usize,
-    /// Collision shapes of all links of one robot, as they stand in its URDF.
+    /// Collision shapes of all links of one robot; a mesh counts by its convex pieces.
     pub max_link_shapes: usize,
     /// Work, in units of about 10 ns, that may go into finding out which links of a document's robots
     /// overlap almost always: hundreds of links in one clump would take minutes.
@@ -30,7 +30,7 @@ pub struct ReadLimits {
     pub max_tool_shapes: usize,
     /// Pairs in `allowed_contacts`.
     pub max_allowed_contacts: usize,
-    /// Points of one convex shape, or of one mesh's hull.
+    /// Points of one convex shape, or of all convex pieces of one mesh.
     pub max_points: usize,
     /// Triangles of one mesh file; all meshes of a document may have
     /// [four times as many](ReadLimits::max_triangles_together).

@@ -1,13 +1,12 @@
-//! The meshes of one document: each is read and hulled once, and all together are bounded.
+//! The meshes of one document: each is read and cut in convex pieces once, and all together are bounded.
 
 use std::cell::{Cell, RefCell};
 use std::collections::BTreeMap;
-use std::sync::Arc;
 
 use super::ReadLimits;
 use super::triangles::announced;
-use crate::geometry::{ConvexHull, Vec3};
-use crate::kinematics::{MeshError, mesh_points};
+use crate::geometry::Vec3;
+use crate::kinematics::{MeshError, MeshPieces, read_mesh};
 use crate::wire::digest::sha256;
 use crate::wire::fault::FaultCode;
 use crate::wire::resources::{ResourceError, Resources};
@@ -20,8 +19,8 @@ const BYTES_PER_TRIANGLE: usize = 256;
 pub struct Mesh {
     /// `sha256:...` of the file.
     pub digest: String,
-    /// Its convex hull.
-    pub hull: Result<Arc<ConvexHull>, MeshError>,
+    /// Its convex pieces.
+    pub pieces: Result<MeshPieces, MeshError>,
 }
 
 /// Loads meshes and remembers them.
@@ -50,24 +49,24 @@ impl<'r> Meshes<'r> {
             return Ok(mesh.clone());
         }
         let bytes = self.resources.read(path, self.limits.max_mesh_bytes)?;
-        let mesh = Mesh { digest: sha256(&bytes), hull: self.hull(path, &bytes, scale) };
+        let mesh = Mesh { digest: sha256(&bytes), pieces: self.pieces(path, &bytes, scale) };
         self.loaded.borrow_mut().insert(key, mesh.clone());
         Ok(mesh)
     }
 
-    /// The hull of the mesh in `bytes`, counted.
-    fn hull(&self, path: &str, bytes: &[u8], scale: &Vec3) -> Result<Arc<ConvexHull>, MeshError> {
+    /// The convex pieces of the mesh in `bytes`, counted.
+    fn pieces(&self, path: &str, bytes: &[u8], scale: &Vec3) -> Result<MeshPieces, MeshError> {
         let least = (bytes.len() / BYTES_PER_TRIANGLE).max(1);
         let claimed = announced(path, bytes);
         self.check(claimed, claimed.max(least))?;
-        let loaded = mesh_points(path, bytes, scale);
+        let loaded = read_mesh(path, bytes, scale);
         // What is no good counts by what it claims: it was work, too.
-        let triangles = loaded.as_ref().map_or(claimed, |(_, triangles)| *triangles);
+        let triangles = loaded.as_ref().map_or(claimed, |content| content.triangles);
         let admitted = self.check(triangles, triangles.max(least));
         self.triangles.set(self.triangles.get().saturating_add(triangles.max(least)));
-        let (points, _) = loaded?;
+        let content = loaded?;
         admitted?;
-        convex_hull(&points)
+        content.pieces()
     }
 
     /// Whether a mesh of so many triangles, which count as `counted`, may come on top of the others.
@@ -81,16 +80,6 @@ impl<'r> Meshes<'r> {
             return Err(MeshError::TooManyTogether { most });
         }
         Ok(())
-    }
-}
-
-fn convex_hull(points: &[Vec3]) -> Result<Arc<ConvexHull>, MeshError> {
-    // The hull's code asserts in corners of degenerate input.
-    match std::panic::catch_unwind(|| ConvexHull::new(points)) {
-        Ok(hull) => Ok(Arc::new(hull?)),
-        Err(_) => Err(MeshError::Unreadable(
-            "no convex hull can be made of its points; give cleaner ones".to_owned(),
-        )),
     }
 }
 

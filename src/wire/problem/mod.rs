@@ -207,10 +207,11 @@ fn read_parts(
     let allowed = statics::read_allowed_contacts(allowed_contacts, &arms, context);
     for (index, arm) in arms.iter_mut().enumerate() {
         let Some(arm) = arm else { continue };
-        let own = allowed.within_arm.range((index, (0, 0))..(index + 1, (0, 0)));
-        arm.exempt_groups.extend(own.map(|(_, pair)| *pair));
-        arm.exempt_groups.sort_unstable();
-        arm.exempt_groups.dedup();
+        if let Some(own) = allowed.within_arm.get(&index) {
+            arm.exempt_bodies.extend(own);
+            arm.exempt_bodies.sort_unstable();
+            arm.exempt_bodies.dedup();
+        }
     }
     let initial = fields.required("initial", &mut context.faults);
     let initial = placement::read_initial(initial, &ids, context);

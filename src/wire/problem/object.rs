@@ -62,7 +62,7 @@ fn read_object(
         }
         None => Symmetry::None,
     };
-    let shapes: Vec<PlacedShape> = shape.into_iter().collect();
+    let shapes: Vec<PlacedShape> = shape.into_iter().flatten().collect();
     let grasps = match fields.optional("grasps") {
         Some(node) => read_grasps(&node, &shapes, max_opening, context),
         None => {

@@ -11,14 +11,14 @@ use super::meshes::{Meshes, code_of};
 use super::urdf_names;
 use crate::geometry::{ConvexHull, Vec3};
 use crate::kinematics::{
-    ArmModel, Joint, JointLimits, LimitFault, MeshError, MeshResolver, SrdfError, UrdfError, UrdfSize,
-    UrdfWarning, XmlError, disabled_group_pairs, library, library_names,
+    ArmModel, Joint, JointLimits, LimitFault, MeshError, MeshPieces, MeshResolver, SrdfError, UrdfError,
+    UrdfSize, UrdfWarning, XmlError, disabled_link_pairs, library, library_names,
 };
 use crate::wire::digest::sha256;
 use crate::wire::fault::FaultCode;
 use crate::wire::reader::{Fields, Node, Range, shown};
 use crate::wire::resources::{ResourceError, check_folder, folder_of, resolve_uri};
-use crate::workcell::contacts::GroupPair;
+use crate::workcell::{ArmBody, BodyPair};
 
 /// Greatest magnitude of a joint value, velocity or acceleration in an override.
 const MAX_JOINT_FIGURE: f64 = 1.0e4;
@@ -129,8 +129,8 @@ impl RobotSpec {
 pub struct LoadedModel {
     /// The model.
     pub model: Arc<ArmModel>,
-    /// Pairs of rigid groups that the SRDF disables.
-    pub disabled: Vec<GroupPair>,
+    /// Pairs of links that the SRDF disables.
+    pub disabled: Vec<BodyPair>,
 }
 
 /// `workcell.robots`; `None` for an entry that cannot be used.
@@ -400,7 +400,7 @@ impl ModelCache {
         }
         for warning in warnings {
             let code = match warning {
-                UrdfWarning::MeshAsHull { .. } => FaultCode::BadMesh,
+                UrdfWarning::MeshFilled { .. } => FaultCode::BadMesh,
                 _ => FaultCode::BadUrdf,
             };
             if self.noted.insert((spec.urdf.pointer.clone(), warning.to_string())) {
@@ -414,16 +414,16 @@ impl ModelCache {
         Some(LoadedModel { model, disabled })
     }
 
-    /// The pairs of rigid groups that the SRDF of `spec` disables; `None` when it is no good.
+    /// The pairs of links that the SRDF of `spec` disables; `None` when it is no good.
     fn disabled(
         &mut self,
         spec: &RobotSpec,
         model: &ArmModel,
         context: &mut Context<'_>,
-    ) -> Option<Vec<GroupPair>> {
+    ) -> Option<Vec<BodyPair>> {
         let Some(srdf) = &spec.srdf else { return Some(Vec::new()) };
-        match disabled_group_pairs(&srdf.text, model) {
-            Ok(pairs) => Some(pairs),
+        match disabled_link_pairs(&srdf.text, model) {
+            Ok(pairs) => Some(pairs.into_iter().map(|(a, b)| (ArmBody::Link(a), ArmBody::Link(b))).collect()),
             Err(error) => {
                 let code = match &error {
                     SrdfError::UnknownLinks { .. } => FaultCode::UnknownLink,
@@ -546,9 +546,9 @@ fn model_of_unused(spec: &RobotSpec, size: UrdfSize) -> Result<Option<ArmModel>,
 struct AnyMesh;
 
 impl MeshResolver for AnyMesh {
-    fn hull(&self, _uri: &str, _scale: &Vec3) -> Result<Arc<ConvexHull>, MeshError> {
+    fn pieces(&self, _uri: &str, _scale: &Vec3) -> Result<MeshPieces, MeshError> {
         let corners = [Vec3::zeros(), Vec3::x(), Vec3::y(), Vec3::z()];
-        Ok(Arc::new(ConvexHull::new(&corners)?))
+        Ok(MeshPieces { hulls: vec![Arc::new(ConvexHull::new(&corners)?)], filled: None })
     }
 }
 
@@ -596,7 +596,7 @@ impl<'a> UrdfMeshes<'a> {
 }
 
 impl MeshResolver for UrdfMeshes<'_> {
-    fn hull(&self, uri: &str, scale: &Vec3) -> Result<Arc<ConvexHull>, MeshError> {
+    fn pieces(&self, uri: &str, scale: &Vec3) -> Result<MeshPieces, MeshError> {
         self.asked.set(true);
         let path = resolve_uri(uri, &self.spec.folder, &self.spec.packages);
         let mesh = path.and_then(|path| self.meshes.get(&path, scale)).map_err(|error| match error {
@@ -604,6 +604,6 @@ impl MeshResolver for UrdfMeshes<'_> {
             _ => MeshError::Unresolved,
         })?;
         self.digests.borrow_mut().insert(uri.to_owned(), mesh.digest);
-        mesh.hull
+        mesh.pieces
     }
 }

@@ -10,8 +10,12 @@ use crate::wire::resources::resolve_uri;
 /// Greatest extent of a shape (m).
 const MAX_EXTENT: f64 = 1000.0;
 
-/// A shape in the frame of what it belongs to, at `pose` there.
-pub fn read_shape(node: &Node<'_>, pose: Pose, context: &mut Context<'_>) -> Option<PlacedShape> {
+/// Most convex pieces that meshes of tools, obstacles and objects may have on top of one each: all of them may have to be compared
+/// with each other.
+const MOST_PIECES_BESIDE: usize = 4096;
+
+/// A shape in the frame of what it belongs to, at `pose` there; several where it is a mesh of several convex pieces, never none.
+pub fn read_shape(node: &Node<'_>, pose: Pose, context: &mut Context<'_>) -> Option<Vec<PlacedShape>> {
     let mut fields = node.fields(&mut context.faults)?;
     let kind = fields.required("type", &mut context.faults)?;
     let name = kind.string(&mut context.faults)?;
@@ -32,7 +36,12 @@ pub fn read_shape(node: &Node<'_>, pose: Pose, context: &mut Context<'_>) -> Opt
             radius.zip(length).map(|(radius, length)| Shape::Capsule { radius, half_length: length / 2.0 })
         }
         "convex" => convex(&mut fields, context),
-        "mesh" => mesh(&mut fields, context),
+        "mesh" => {
+            let pieces = mesh(&mut fields, context);
+            fields.finish(&mut context.faults);
+            return pieces
+                .map(|pieces| pieces.into_iter().map(|shape| PlacedShape { shape, pose }).collect());
+        }
         _ => {
             let choices = ["box", "sphere", "cylinder", "capsule", "convex", "mesh"].map(|name| (name, ()));
             kind.choice(&mut context.faults, &choices);
@@ -40,7 +49,7 @@ pub fn read_shape(node: &Node<'_>, pose: Pose, context: &mut Context<'_>) -> Opt
         }
     };
     fields.finish(&mut context.faults);
-    shape.map(|shape| PlacedShape { shape, pose })
+    shape.map(|shape| vec![PlacedShape { shape, pose }])
 }
 
 fn required<'a>(fields: &mut Fields<'a>, key: &'static str, context: &mut Context<'_>) -> Option<Node<'a>> {
@@ -70,7 +79,7 @@ fn convex(fields: &mut Fields<'_>, context: &mut Context<'_>) -> Option<Shape> {
     context.hull(&node, &points, FaultCode::OutOfRange).map(Shape::Convex)
 }
 
-fn mesh(fields: &mut Fields<'_>, context: &mut Context<'_>) -> Option<Shape> {
+fn mesh(fields: &mut Fields<'_>, context: &mut Context<'_>) -> Option<Vec<Shape>> {
     let node = required(fields, "uri", context)?;
     let scale = match fields.optional("scale") {
         Some(node) => {
@@ -93,25 +102,35 @@ fn mesh(fields: &mut Fields<'_>, context: &mut Context<'_>) -> Option<Shape> {
         }
     };
     context.contents.insert(node.pointer.clone(), mesh.digest);
-    let hull = match mesh.hull {
-        Ok(hull) => hull,
+    let pieces = match mesh.pieces {
+        Ok(pieces) => pieces,
         Err(error) => {
             node.fault(&mut context.faults, code_of(&error), error.to_string());
             return None;
         }
     };
-    if hull.vertices().len() > context.limits.max_points {
+    let corners: usize = pieces.hulls.iter().map(|hull| hull.vertices().len()).sum();
+    if corners > context.limits.max_points {
         let message = format!(
-            "the mesh's hull has {} corners, at most {} are taken; simplify the mesh",
-            hull.vertices().len(),
+            "the mesh's convex pieces have {corners} corners, at most {} are taken; simplify the mesh",
             context.limits.max_points
         );
         node.fault(&mut context.faults, FaultCode::TooLarge, message);
         return None;
     }
-    let message = "the mesh has no decomposition and counts as its convex hull";
-    context.faults.warn(node.pointer, FaultCode::BadMesh, message);
-    Some(Shape::Convex(hull))
+    context.pieces += pieces.hulls.len() - 1;
+    if context.pieces > MOST_PIECES_BESIDE {
+        let message = format!(
+            "the meshes of tools, obstacles and objects up to this one have more than {MOST_PIECES_BESIDE} convex \
+             pieces; use coarser decompositions"
+        );
+        node.fault(&mut context.faults, FaultCode::TooLarge, message);
+        return None;
+    }
+    if let Some(filled) = pieces.filled {
+        context.faults.warn(node.pointer, FaultCode::BadMesh, format!("the mesh {filled}"));
+    }
+    Some(pieces.hulls.into_iter().map(Shape::Convex).collect())
 }
 
 /// Everything that tells lists of shapes from each other, as bits.

@@ -1,6 +1,6 @@
 //! Obstacles, surfaces and allowed contacts.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 
 use super::context::{Context, Named};
 use super::shape::read_shape;
@@ -8,11 +8,10 @@ use crate::geometry::Pose;
 use crate::problem::ContactPartner;
 use crate::wire::fault::FaultCode;
 use crate::wire::reader::{Fields, Node, Range};
-use crate::workcell::contacts::group_pair;
-use crate::workcell::{Arm, ArmId, ObjectId, Obstacle, ObstacleId, Surface};
+use crate::workcell::{Arm, ArmBody, ArmId, BodyPair, ObjectId, Obstacle, ObstacleId, Surface, body_pair};
 
 /// Most pairs of bodies that all entries of `allowed_contacts` together may stand for: two whole arms
-/// stand for each group of the one against each of the other.
+/// stand for each body of the one against each of the other.
 const MAX_ALLOWED_PAIRS: usize = 1_000_000;
 
 /// A pose that may be left out.
@@ -34,12 +33,12 @@ fn read_obstacle(index: usize, node: &Node<'_>, context: &mut Context<'_>) -> Op
     let mut fields = node.fields(&mut context.faults)?;
     let id = fields.required("id", &mut context.faults);
     let id = context.register(id, Named::Obstacle(index));
-    let shape = fields
+    let shapes = fields
         .required("shape", &mut context.faults)
         .and_then(|node| read_shape(&node, Pose::identity(), context));
     let pose = optional_pose(&mut fields, "pose", context);
     fields.finish(&mut context.faults);
-    Some(Obstacle { id: id?, shapes: vec![shape?], pose: pose? })
+    Some(Obstacle { id: id?, shapes: shapes?, pose: pose? })
 }
 
 /// `workcell.surfaces`, one entry per element; obstacles have been read.
@@ -91,19 +90,19 @@ fn read_surface(index: usize, node: &Node<'_>, context: &mut Context<'_>) -> Opt
 /// What `allowed_contacts` exempts.
 #[derive(Debug, Default)]
 pub struct AllowedContacts {
-    /// Rigid groups of one arm against each other.
-    pub within_arm: BTreeSet<(usize, (usize, usize))>,
-    /// Rigid groups of arms against obstacles.
-    pub arm_obstacle: BTreeSet<(ArmId, usize, ObstacleId)>,
-    /// Rigid groups of two arms against each other, the lower arm first.
-    pub arm_arm: BTreeSet<((ArmId, usize), (ArmId, usize))>,
+    /// Bodies of one arm against each other, by arm.
+    pub within_arm: BTreeMap<usize, BTreeSet<BodyPair>>,
+    /// Bodies of arms against obstacles.
+    pub arm_obstacle: BTreeSet<(ArmId, ArmBody, ObstacleId)>,
+    /// Bodies of two arms against each other, the lower arm first.
+    pub arm_arm: BTreeSet<((ArmId, ArmBody), (ArmId, ArmBody))>,
     /// Objects against anything.
     pub object: BTreeSet<(ObjectId, ContactPartner)>,
 }
 
 /// A resolved body name.
 enum Body {
-    Groups(usize, Vec<usize>),
+    OfArm(usize, Vec<ArmBody>),
     Obstacle(usize),
     Object(usize),
 }
@@ -112,7 +111,7 @@ impl Body {
     /// How many bodies it stands for.
     fn size(&self) -> usize {
         match self {
-            Self::Groups(_, groups) => groups.len(),
+            Self::OfArm(_, bodies) => bodies.len(),
             Self::Obstacle(_) | Self::Object(_) => 1,
         }
     }
@@ -163,29 +162,27 @@ pub fn read_allowed_contacts(
 
 fn allow(allowed: &mut AllowedContacts, a: &Body, b: &Body) {
     match (a, b) {
-        (Body::Groups(arm_a, groups_a), Body::Groups(arm_b, groups_b)) => {
-            for &group_a in groups_a {
-                for &group_b in groups_b {
+        (Body::OfArm(arm_a, bodies_a), Body::OfArm(arm_b, bodies_b)) => {
+            for &a in bodies_a {
+                for &b in bodies_b {
                     if arm_a == arm_b {
-                        allowed.within_arm.insert((*arm_a, group_pair(group_a, group_b)));
+                        allowed.within_arm.entry(*arm_a).or_default().insert(body_pair(a, b));
                     } else {
-                        let (one, other) = ((ArmId(*arm_a), group_a), (ArmId(*arm_b), group_b));
+                        let (one, other) = ((ArmId(*arm_a), a), (ArmId(*arm_b), b));
                         allowed.arm_arm.insert((one.min(other), one.max(other)));
                     }
                 }
             }
         }
-        (Body::Groups(arm, groups), Body::Obstacle(obstacle))
-        | (Body::Obstacle(obstacle), Body::Groups(arm, groups)) => {
-            for &group in groups {
-                allowed.arm_obstacle.insert((ArmId(*arm), group, ObstacleId(*obstacle)));
-            }
+        (Body::OfArm(arm, bodies), Body::Obstacle(obstacle))
+        | (Body::Obstacle(obstacle), Body::OfArm(arm, bodies)) => {
+            let pairs = bodies.iter().map(|body| (ArmId(*arm), *body, ObstacleId(*obstacle)));
+            allowed.arm_obstacle.extend(pairs);
         }
-        (Body::Groups(arm, groups), Body::Object(object))
-        | (Body::Object(object), Body::Groups(arm, groups)) => {
-            for &group in groups {
-                allowed.object.insert((ObjectId(*object), ContactPartner::ArmGroup(ArmId(*arm), group)));
-            }
+        (Body::OfArm(arm, bodies), Body::Object(object))
+        | (Body::Object(object), Body::OfArm(arm, bodies)) => {
+            let partners = bodies.iter().map(|body| ContactPartner::Arm(ArmId(*arm), *body));
+            allowed.object.extend(partners.map(|partner| (ObjectId(*object), partner)));
         }
         (Body::Object(object), Body::Obstacle(obstacle))
         | (Body::Obstacle(obstacle), Body::Object(object)) => {
@@ -213,14 +210,11 @@ fn read_body(node: &Node<'_>, arms: &[Option<Arm>], context: &mut Context<'_>) -
         (Some(Named::Arm(index)), link) => {
             // An arm that could not be read has its faults already.
             let arm = arms.get(index)?.as_ref()?;
-            let groups = match link {
-                None => {
-                    let groups: BTreeSet<usize> = arm.model.links.iter().map(|link| link.group).collect();
-                    groups.into_iter().collect()
-                }
-                Some("@tool") => vec![arm.mount_group()],
-                Some(link) => match arm.model.links.iter().find(|candidate| candidate.name == link) {
-                    Some(link) => vec![link.group],
+            let bodies = match link {
+                None => arm.bodies().map(|(body, ..)| body).collect(),
+                Some("@tool") => vec![ArmBody::Tool],
+                Some(link) => match arm.model.link_index(link) {
+                    Some(link) => vec![ArmBody::Link(link)],
                     None => {
                         let links: Vec<&str> =
                             arm.model.links.iter().take(40).map(|link| link.name.as_str()).collect();
@@ -231,7 +225,7 @@ fn read_body(node: &Node<'_>, arms: &[Option<Arm>], context: &mut Context<'_>) -
                     }
                 },
             };
-            Some(Body::Groups(index, groups))
+            Some(Body::OfArm(index, bodies))
         }
         _ => {
             context.unknown(&node.pointer, text, "body", FaultCode::UnknownBody);

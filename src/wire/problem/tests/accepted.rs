@@ -8,7 +8,7 @@ use crate::problem::{
     ContactPartner, GoalPlacement, GuidanceKind, InitialPlacement, Objective, Options, Stop,
 };
 use crate::wire::Remembering;
-use crate::workcell::{ArmId, ObjectId, ObstacleId, SurfaceId, Symmetry};
+use crate::workcell::{ArmBody, ArmId, ObjectId, ObstacleId, SurfaceId, Symmetry};
 
 #[test]
 fn the_switch_has_what_it_says() {
@@ -21,13 +21,17 @@ fn the_switch_has_what_it_says() {
     assert_eq!(arm.tool.shapes.len(), 3);
     assert!((arm.tool.tcp.translation.vector.z - 0.15).abs() < 1e-12);
     assert_eq!(arm.hand_groups, vec![arm.mount_group()]);
-    // The neighbours along the chain and the library's SRDF.
+    // The neighbours along the chain, with all that hangs on them, and the library's SRDF, with nothing but what it names.
+    let link = |index| ArmBody::Link(index);
     for pair in [(0, 1), (3, 4), (6, 7), (5, 7)] {
-        assert!(arm.exempt_groups.contains(&pair), "{pair:?}");
+        assert!(!arm.checks_bodies(link(pair.0), link(pair.1)), "{pair:?}");
     }
-    assert!(arm.checks_groups(0, 2) && arm.checks_groups(1, 7));
+    assert!(!arm.checks_bodies(ArmBody::Tool, link(6)) && !arm.checks_bodies(ArmBody::Tool, link(7)));
+    assert!(arm.checks_bodies(link(0), link(2)) && arm.checks_bodies(link(1), link(7)));
+    assert!(arm.checks_bodies(ArmBody::Tool, link(5)));
     assert_eq!(cell.surfaces[0].carrier, Some(ObstacleId(0)));
-    assert_eq!(cell.allowed_arm_obstacle, [(ArmId(0), 0, ObstacleId(2)), (ArmId(1), 0, ObstacleId(3))]);
+    let pedestals = [(ArmId(0), link(0), ObstacleId(2)), (ArmId(1), link(0), ObstacleId(3))];
+    assert_eq!(cell.allowed_arm_obstacle, pedestals);
     assert!(matches!(problem.initial[0], InitialPlacement::Resting { surface: SurfaceId(0), .. }));
     assert!(matches!(problem.goal[0], GoalPlacement::Pose { surface: SurfaceId(1), .. }));
     assert_eq!(problem.options, Options { time_budget_s: 30.0, seed: 0, ..Options::default() });
@@ -284,10 +288,13 @@ fn allowed_contacts_of_objects_and_arms() {
     );
     assert!(problem.may_touch(one, ContactPartner::Obstacle(ObstacleId(1))));
     assert!(!problem.may_touch(two, ContactPartner::Obstacle(ObstacleId(1))));
-    let mount = problem.workcell.arms[0].mount_group();
-    assert!(problem.may_touch(two, ContactPartner::ArmGroup(ArmId(0), mount)));
-    assert_eq!(problem.workcell.allowed_arm_arm, [((ArmId(0), 1), (ArmId(1), 1))]);
-    assert!(!problem.workcell.arms[0].checks_groups(4, 0) && problem.workcell.arms[1].checks_groups(4, 0));
+    let (cell, link) = (&problem.workcell, ArmBody::Link);
+    let mount = link(cell.arms[0].model.mount);
+    assert!(problem.may_touch(two, ContactPartner::Arm(ArmId(0), ArmBody::Tool)));
+    assert!(!problem.may_touch(two, ContactPartner::Arm(ArmId(0), mount)));
+    assert_eq!(cell.allowed_arm_arm, [((ArmId(0), link(1)), (ArmId(1), link(1)))]);
+    assert!(cell.arms_may_touch((ArmId(1), link(1)), (ArmId(0), link(1))));
+    assert!(!cell.arms[0].checks_bodies(link(4), link(0)) && cell.arms[1].checks_bodies(link(4), link(0)));
 }
 
 #[test]
@@ -353,8 +360,8 @@ fn robots_that_were_read_before_are_the_same() {
         assert_eq!(lines(&read.warnings), lines(&fresh.warnings));
         let (arm, other) = (&read.problem.workcell.arms[0], &fresh.problem.workcell.arms[0]);
         assert_eq!(
-            (&arm.exempt_groups, &arm.limits, &arm.home),
-            (&other.exempt_groups, &other.limits, &other.home)
+            (&arm.exempt_groups, &arm.exempt_bodies, &arm.limits, &arm.home),
+            (&other.exempt_groups, &other.exempt_bodies, &other.limits, &other.home)
         );
         assert!(!Arc::ptr_eq(&arm.model, &other.model));
         arm.model.clone()

@@ -504,12 +504,17 @@ fn allowed_contacts_are_bounded_in_what_they_stand_for() {
     pairs.push(json!(["arm_1", "nobody"]));
     document["workcell"]["allowed_contacts"] = json!(pairs);
     assert!(has(&read(&document).unwrap_err(), "/workcell/allowed_contacts/8000/1", FaultCode::UnknownBody));
-    // Seven arms of 256 links each.
-    let link = |index: usize| format!("<link name=\"l{index}\"/>");
+    // Seven arms of 256 links each, side by side.
+    let link = |index: usize| {
+        format!(
+            "<link name=\"l{index}\"><collision><geometry><sphere radius=\"0.01\"/></geometry></collision></link>"
+        )
+    };
     let joint = |index: usize| {
         format!(
             "<joint name=\"j{index}\" type=\"revolute\"><parent link=\"l{}\"/><child link=\"l{index}\"/>\
-             <axis xyz=\"0 0 1\"/><limit lower=\"-1\" upper=\"1\" velocity=\"1\" effort=\"1\"/></joint>",
+             <origin xyz=\"0.1 0 0\"/><axis xyz=\"0 0 1\"/>\
+             <limit lower=\"-1\" upper=\"1\" velocity=\"1\" effort=\"1\"/></joint>",
             index - 1
         )
     };
@@ -519,7 +524,8 @@ fn allowed_contacts_are_bounded_in_what_they_stand_for() {
         json!(format!("<robot name=\"r\">{links}{joints}</robot>"));
     let arms: Vec<Value> = (0..7)
         .map(|index| {
-            json!({ "id": format!("a{index}"), "robot": "small", "base": {}, "tool": { "mount_link": "l255" } })
+            let base = json!({ "position": { "x": 0.0, "y": 2.0 + index as f64, "z": 1.0 } });
+            json!({ "id": format!("a{index}"), "robot": "small", "base": base, "tool": { "mount_link": "l255" } })
         })
         .collect();
     document["workcell"]["arms"] = json!(arms);
@@ -578,7 +584,27 @@ fn meshes_and_files_resolve_inside_the_folder_only() {
     assert!(has(&read(&document).unwrap_err(), "/objects/0/shape/uri", FaultCode::BadMesh));
     document["objects"][0]["shape"]["uri"] = json!("p/meshes/a.obj");
     document["initial"]["ball"]["pose"]["position"]["z"] = json!(0.1);
-    assert_eq!(read(&document).unwrap().problem.objects[0].shapes.len(), 1);
+    let whole = read(&document).unwrap();
+    assert_eq!(whole.problem.objects[0].shapes.len(), 1);
+    let warned = |read: &ReadProblem, place: &str| {
+        read.warnings.iter().any(|w| w.code == FaultCode::BadMesh && w.pointer == place)
+    };
+    assert!(warned(&whole, "/objects/0/shape/uri"));
+    // The same twice, as two objects of one file: it counts as both, wherever it is used.
+    let second = "o two\nv 0 0 0\nv -0.1 0 0\nv 0 0.1 0\nv 0 0 0.1\nf 5 6 7\nf 5 6 8\nf 5 7 8\nf 6 7 8\n";
+    std::fs::write(folder.path().join("two.obj"), format!("o one\n{tetrahedron}{second}")).unwrap();
+    document["objects"][0]["shape"]["uri"] = json!("two.obj");
+    let shape = document["objects"][0]["shape"].clone();
+    document["workcell"]["arms"][0]["tool"]["collision"] = json!([{ "shape": shape }]);
+    let pose = json!({ "position": { "x": 3.0, "y": 3.0, "z": 3.0 } });
+    let angle = json!({ "id": "angle", "shape": shape, "pose": pose });
+    document["workcell"]["obstacles"].as_array_mut().unwrap().push(angle);
+    let read = read(&document).unwrap();
+    let cell = &read.problem.workcell;
+    for shapes in [&read.problem.objects[0].shapes, &cell.arms[0].tool.shapes, &cell.obstacles[1].shapes] {
+        assert_eq!(shapes.len(), 2);
+    }
+    assert!(!warned(&read, "/objects/0/shape/uri"), "{}", lines(&read.warnings));
 }
 
 /// Files by name, with a count of how often one is read.
