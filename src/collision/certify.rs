@@ -166,22 +166,40 @@ impl JointMotion for PathMotion<'_> {
         self.0.windows(2).all(|pair| pair[0] == pair[1])
     }
 
-    /// The same as of `at` and `deviation`, joint by joint.
+    /// The same as of `at` and `deviation`, for intervals within one segment in single precision, as many of these together
+    /// as follow each other.
     fn sample(&self, intervals: &[(f64, f64); 8], out: &mut Samples) {
         out.resize(self.0.first().map_or(0, |q| q.len()));
-        for (lane, &(from, to)) in intervals.iter().enumerate() {
-            let ends = (self.segment(from), self.segment((from + to) / 2.0), self.segment(to));
-            let (Some(start), Some(middle), Some(end)) = ends else { return };
-            if std::ptr::eq(start.0, end.0) {
-                // All on one segment.
-                let half = ((to - from) / 2.0) as f32 * DEVIATION_ROUND_UP;
-                let (a, b, part) = middle;
-                for (joint, (a, b)) in a.iter().zip(b).enumerate() {
-                    let deviation = (b - a).abs() as f32 * DEVIATION_ROUND_UP * half;
-                    out.set(joint, lane, (a + (b - a) * part) as f32, deviation);
+        let mut next = 0;
+        while next < intervals.len() {
+            let lane = next;
+            let (from, to) = intervals[lane];
+            let Some(last) = self.0.len().checked_sub(1) else { return };
+            let segment = (from as usize).min(last.saturating_sub(1));
+            let (a, b, first) = (&self.0[segment], &self.0[last.min(segment + 1)], segment as f64);
+            let is_within = |(from, to): (f64, f64)| from >= first && to <= first + 1.0;
+            let count = intervals[lane..].iter().take_while(|interval| is_within(**interval)).count();
+            if count > 0 {
+                next = lane + count;
+                let (mut parts, mut halves) = ([0.0_f32; 8], [0.0_f32; 8]);
+                for (lane, (from, to)) in intervals.iter().enumerate().take(next).skip(lane) {
+                    parts[lane] = ((from + to) / 2.0 - first) as f32;
+                    halves[lane] = ((to - from) / 2.0) as f32 * DEVIATION_ROUND_UP;
+                }
+                let rows = out.values.iter_mut().zip(out.deviations.iter_mut());
+                for ((values, deviations), (a, b)) in rows.zip(a.iter().zip(b)) {
+                    let (from, delta) = (*a as f32, (b - a) as f32);
+                    let most = delta.abs() * DEVIATION_ROUND_UP;
+                    for lane in lane..next {
+                        values[lane] = delta * parts[lane] + from;
+                        deviations[lane] = most * halves[lane];
+                    }
                 }
                 continue;
             }
+            next = lane + 1;
+            let ends = (self.segment(from), self.segment((from + to) / 2.0), self.segment(to));
+            let (Some(start), Some(middle), Some(end)) = ends else { return };
             let between = self.between(from, to);
             for joint in 0..out.values.len() {
                 let at = |(a, b, part): (&Config, &Config, f64)| a[joint] + (b[joint] - a[joint]) * part;
@@ -300,9 +318,11 @@ mod tests {
                 for (lane, (s0, s1)) in intervals.into_iter().enumerate() {
                     let (values, deviations) = (path.at((s0 + s1) / 2.0), path.deviation(s0, s1));
                     for joint in 0..7 {
-                        assert_eq!(found.values[joint][lane], values[joint] as f32);
+                        assert!((f64::from(found.values[joint][lane]) - values[joint]).abs() < 1e-6);
                         assert!(f64::from(found.deviations[joint][lane]) >= deviations[joint]);
-                        assert!(f64::from(found.deviations[joint][lane]) <= deviations[joint] * 1.00001);
+                        assert!(
+                            f64::from(found.deviations[joint][lane]) <= deviations[joint] * 1.00001 + 1e-12
+                        );
                     }
                     // Nothing in between is farther away.
                     for part in 0..=10 {

@@ -100,6 +100,16 @@ impl ArmModel {
     /// A ball that the mount origin never leaves within `limits` (one per joint): for a spherical
     /// shoulder about its centre.
     pub fn reach_within(&self, limits: &[JointLimits]) -> Reach {
+        // Arms of one model have the same limits mostly.
+        if let Some((_, reach)) = self.reach.get().filter(|(asked, _)| asked == limits) {
+            return *reach;
+        }
+        let reach = self.work_out_reach(limits);
+        self.reach.get_or_init(|| (limits.to_vec(), reach));
+        reach
+    }
+
+    fn work_out_reach(&self, limits: &[JointLimits]) -> Reach {
         let mut start = Pose::identity();
         let mut slack = 0.0;
         for (index, step) in self.chain.steps.iter().enumerate() {

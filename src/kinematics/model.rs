@@ -1,11 +1,14 @@
 //! The arm model and its forward kinematics.
 
+use std::sync::OnceLock;
+
 use nalgebra::{Translation3, Unit, UnitQuaternion};
 use smallvec::SmallVec;
 
 use super::UrdfError;
 use super::chain::Chain;
 use super::inverse::Solver;
+use super::lever::Reach;
 use crate::geometry::{PlacedShape, Pose, Vec3};
 
 /// Joint values of one arm, root to mount: radians (revolute) or metres (prismatic).
@@ -99,6 +102,8 @@ pub struct ArmModel {
     pub mount: usize,
     pub(super) chain: Chain,
     pub(super) solver: Solver,
+    /// What [`ArmModel::reach_within`] was first asked about, and what it said.
+    pub(super) reach: OnceLock<(Vec<JointLimits>, Reach)>,
 }
 
 impl ArmModel {
@@ -107,7 +112,7 @@ impl ArmModel {
     pub fn new(name: String, links: Vec<Link>, joints: Vec<Joint>, mount: usize) -> Self {
         let chain = Chain::new(&links, mount, joints.len());
         let solver = Solver::new(&chain);
-        Self { name, links, joints, mount, chain, solver }
+        Self { name, links, joints, mount, chain, solver, reach: OnceLock::new() }
     }
 
     /// Number of joints in the chain.
