@@ -3,6 +3,7 @@
 use crate::geometry::{ExactShape, PlacedShape, Pose, Shape, Vec3};
 
 use super::cylinder_box::cylinder_box;
+use super::cylinder_capsule::cylinder_capsule;
 use super::segment_distance::{segment_box, segment_segment_squared};
 
 /// Boxes that overlap by less than this (m) along every axis are looked at exactly.
@@ -149,7 +150,25 @@ impl Atom {
     /// The distance (m) of the exact shapes with their bodies at `body` and `other_body`, negative
     /// where they overlap, or some lower bound of at least `need`.
     pub(super) fn distance(&self, body: &Pose, other: &Atom, other_body: &Pose, need: f64) -> f64 {
-        self.exact.gap(body, &other.exact, other_body, need)
+        let far = self.exact.ball_distance(body, &other.exact, other_body);
+        if far > need {
+            return far;
+        }
+        let told = self
+            .beside_capsule(body, other, other_body, need)
+            .or_else(|| other.beside_capsule(other_body, self, body, need));
+        told.unwrap_or_else(|| self.exact.gap(body, &other.exact, other_body, need))
+    }
+
+    /// [`Self::distance`] of a cylinder from a capsule; `None` for others.
+    fn beside_capsule(&self, body: &Pose, other: &Atom, other_body: &Pose, need: f64) -> Option<f64> {
+        let (pose, half) = self.beside.as_ref().filter(|_| self.is_cylinder)?;
+        let Core::Capsule { a, b, radius } = &other.core else { return None };
+        if !other.core_is_exact {
+            return None;
+        }
+        let place = |point: &Vec3| other_body.rotation * point + other_body.translation.vector;
+        Some(cylinder_capsule((&(body * pose), half.x, half.z), (&place(a), &place(b), *radius), need))
     }
 
     /// A lower bound (m) on the distance between two placed atoms. It is either at least `need`,
@@ -207,7 +226,7 @@ impl Atom {
         }
         match self.box_separation(at, other, other_at) {
             Some(bound) if bound >= need => bound,
-            _ => self.exact.gap(&at.body, &other.exact, &other_at.body, need),
+            _ => self.distance(&at.body, other, &other_at.body, need),
         }
     }
 
@@ -437,6 +456,67 @@ mod tests {
             }
         }
         assert!(apart > 10_000 && overlapping > 5_000 && touching < 1000, "{apart} {overlapping} {touching}");
+    }
+
+    #[test]
+    fn cylinders_beside_capsules_are_as_far_as_points_of_their_axes() {
+        let mut rng = crate::run::Seed(6).stream("cylinders");
+        let (mut apart, mut overlapping, mut touching) = (0, 0, 0);
+        for case in 0..20_000 {
+            let mut r = |low: f64, high: f64| rng.random_range(low..high);
+            let cylinder = Shape::Cylinder { radius: r(0.01, 0.2), half_length: r(0.01, 0.4) };
+            let other = match case % 5 {
+                0 => Shape::Sphere { radius: r(0.01, 0.2) },
+                _ => Shape::Capsule { radius: r(0.01, 0.2), half_length: r(0.0, 0.6) },
+            };
+            let need = [0.0, 0.002, r(0.0, 0.05), 10.0][case % 4];
+            let mut pose = random_pose(&mut rng);
+            pose.translation.vector *= 0.7;
+            if case % 3 == 0 {
+                // Side by side, end on end, and nearly so.
+                let tilt = [0.0, 1e-9, 1e-7, 1e-3, std::f64::consts::FRAC_PI_2][rng.random_range(0..5)];
+                pose.rotation = nalgebra::UnitQuaternion::from_euler_angles(tilt, 0.0, 0.0);
+            }
+            let placed = |shape| PlacedShape { shape, pose: Pose::identity() };
+            let (a, b) = (placed(cylinder), placed(other));
+            let (atom_a, atom_b) = (Atom::new(&a), Atom::new(&b));
+            let origin = if case % 3 == 0 { Pose::identity() } else { random_pose(&mut rng) };
+            let found = atom_a.distance(&pose, &atom_b, &origin, need);
+            let swapped = atom_b.distance(&origin, &atom_a, &pose, need);
+            assert!(
+                found == swapped || (found - swapped).abs() < 1e-12,
+                "case {case}: {found} and {swapped}"
+            );
+            // Parry errs by 20 um where they are parallel.
+            let parry = ExactShape::new(&a).signed_distance(&pose, &ExactShape::new(&b), &origin, 10.0);
+            assert!(parry < 0.0 || found < parry + 1e-4, "case {case}: {found} exceeds {parry}");
+            let (radius, half, inwards) = match &a.shape {
+                Shape::Cylinder { radius, half_length } => (*radius, *half_length, pose.inverse() * origin),
+                _ => unreachable!(),
+            };
+            let (thick, reach) = match &b.shape {
+                Shape::Capsule { radius, half_length } => (*radius, *half_length),
+                Shape::Sphere { radius } => (*radius, 0.0),
+                _ => unreachable!(),
+            };
+            let truth = (0..=2000).map(|i| {
+                let p = inwards * nalgebra::Point3::new(0.0, 0.0, reach * (f64::from(i) / 1000.0 - 1.0));
+                let (beside, beyond) = ((p.x.hypot(p.y) - radius).max(0.0), (p.z.abs() - half).max(0.0));
+                beside.hypot(beyond) - thick
+            });
+            let truth = truth.fold(f64::INFINITY, f64::min);
+            if truth > 1e-5 {
+                assert!(found <= truth + 1e-9, "case {case}: {found} exceeds {truth}");
+                assert!(found >= need || found > truth - 1e-5, "case {case}: {found} is not {truth}");
+                apart += 1;
+            } else if truth < -1e-5 {
+                assert!(found < 0.0, "case {case}: overlap missed, {found} against {truth}");
+                overlapping += 1;
+            } else {
+                touching += 1;
+            }
+        }
+        assert!(apart > 10_000 && overlapping > 500 && touching < 100, "{apart} {overlapping} {touching}");
     }
 
     #[test]

@@ -17,6 +17,7 @@ mod arm_bodies;
 mod atom;
 mod certify;
 mod cylinder_box;
+mod cylinder_capsule;
 mod hand;
 mod held;
 mod inverse;
