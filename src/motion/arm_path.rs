@@ -201,14 +201,14 @@ struct Routes {
     /// By vertex, a lower bound on the way to the end, where it was asked for: the length of the shortest way with what
     /// was blocked at first, as far as that was followed backwards.
     rest: Vec<f64>,
-    /// No other vertex has less left.
+    /// No way through another vertex, straight from the beginning to it, is shorter.
     followed: f64,
     open: BinaryHeap<Open>,
 }
 
 impl Routes {
     /// Over `roadmap`, between two configurations that are joined to `starts` and `goals`. Ways are followed backwards from
-    /// the end (Dijkstra) until one has come to the beginning: so all searches know what is ahead of them.
+    /// the end (A*) until one has come to the beginning: so all searches know what is ahead of them.
     fn new(
         roadmap: &Roadmap,
         (from, to): (&Config, &Config),
@@ -227,9 +227,10 @@ impl Routes {
         };
         let Self { cost, closed, rest, open, .. } = &mut routes;
         let mut arrives = f64::INFINITY;
+        let before = |vertex: usize| roadmap.distance(from, &vertices[vertex]);
         for &goal in goals {
             cost[goal] = roadmap.distance(&vertices[goal], to);
-            open.push(Open { estimate: cost[goal], vertex: goal });
+            open.push(Open { estimate: cost[goal] + before(goal), vertex: goal });
         }
         while let Some(Open { estimate, vertex }) = open.pop() {
             if estimate >= arrives {
@@ -239,16 +240,17 @@ impl Routes {
             if std::mem::replace(&mut closed[vertex], true) {
                 continue;
             }
-            rest[vertex] = cost[vertex];
+            let after = cost[vertex];
+            rest[vertex] = after;
             if starts.contains(&vertex) {
-                arrives = arrives.min(estimate + roadmap.distance(from, &vertices[vertex]));
+                arrives = arrives.min(estimate);
             }
             for link in roadmap.links(vertex) {
                 let (edge, next) = (link.edge as usize, link.next as usize);
-                let through = estimate + link.length;
+                let through = after + link.length;
                 if through < cost[next] && !roadmap.known_blocked(edge) && !blocked.contains(&edge) {
                     cost[next] = through;
-                    open.push(Open { estimate: through, vertex: next });
+                    open.push(Open { estimate: through + before(next), vertex: next });
                 }
             }
         }
@@ -286,7 +288,8 @@ impl Routes {
                     self.cost[next] = through;
                     self.parent[next] = Some((vertex, edge));
                     if self.rest[next].is_nan() {
-                        self.rest[next] = self.followed.max(roadmap.distance(&vertices[next], to));
+                        let around = self.followed - roadmap.distance(from, &vertices[next]);
+                        self.rest[next] = around.max(roadmap.distance(&vertices[next], to));
                     }
                     if self.rest[next].is_finite() {
                         self.open.push(Open { estimate: through + self.rest[next], vertex: next });
