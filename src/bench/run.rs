@@ -189,7 +189,9 @@ impl Record {
                 self.rejected += u64::from(!valid);
                 if self.incumbents.is_empty() {
                     *self.judge_s.get_or_insert(0.0) += judged_s - handed_in_s;
-                    self.timing_s = Some(timing_s);
+                    if self.candidate_s.is_none() {
+                        self.timing_s = Some(timing_s);
+                    }
                 }
                 if valid {
                     self.candidate_s.get_or_insert(candidate_s);

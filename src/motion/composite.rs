@@ -87,14 +87,18 @@ pub(super) fn plan(
         .iter()
         .flat_map(|&leave| orders(entering > 1).iter().map(move |&enter| (leave, enter)));
     let began_s = control.deadline.elapsed_s();
+    let stops =
+        |order| assemble(problem, world, task, &resting, &path, order, 0.0).map(|motion| (order, motion));
+    let found = orders.find_map(|order| if control.should_stop() { None } else { stops(order) });
     // Corners are rounded as far as that is free.
-    let motion = orders.find_map(|order| {
-        ROUNDINGS.iter().find_map(|&rounding| {
+    let motion = found.map(|(order, motion)| {
+        let mut rounded = ROUNDINGS.iter().filter(|rounding| **rounding > 0.0).filter_map(|&rounding| {
             if control.should_stop() {
                 return None;
             }
             assemble(problem, world, task, &resting, &path, order, rounding)
-        })
+        });
+        rounded.next().unwrap_or(motion)
     });
     *timing_s += control.deadline.elapsed_s() - began_s;
     motion

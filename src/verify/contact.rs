@@ -286,9 +286,12 @@ impl Inspector<'_, '_> {
         let (a, b) = (&scene.bodies[pair.a], &scene.bodies[pair.b]);
         let (at, other_at) = (self.places[pair.a].frame, self.places[pair.b].frame);
         let mut apart = Apart { lower: f64::INFINITY, estimate: f64::INFINITY, parts: (0, 0) };
-        if let Some(parts) = scene.parts_of(&pair) {
-            self.work += parts.len() as u64;
-            for &(i, j) in parts {
+        if let Some(runs) = scene.parts_of(&pair) {
+            let parts = runs
+                .iter()
+                .flat_map(|(one, other)| one.clone().flat_map(move |i| other.clone().map(move |j| (i, j))));
+            for (i, j) in parts {
+                self.work += 1;
                 let (part, other) = (&a.parts[i], &b.parts[j]);
                 let far = (at.apply(&part.centre) - other_at.apply(&other.centre)).norm();
                 let far = far - part.radius - other.radius;

@@ -68,10 +68,12 @@ struct Exempt {
     joined: BTreeSet<(usize, (usize, usize))>,
     /// Bodies of arms.
     bodies: BTreeSet<((ArmId, ArmBody), (ArmId, ArmBody))>,
-    /// The arms of which any are, two by two.
+    /// The arms of which any are, two by two, an arm with itself included.
     arms: BTreeSet<(usize, usize)>,
     /// Bodies of arms, and obstacles.
     obstacles: BTreeSet<(ArmId, ArmBody, ObstacleId)>,
+    /// The arms and obstacles of which any are.
+    beside: BTreeSet<(usize, usize)>,
 }
 
 impl Exempt {
@@ -89,18 +91,26 @@ impl Exempt {
         Self {
             joined: joined.collect(),
             bodies: own.chain(of_two).collect(),
-            arms: cell.allowed_arm_arm.iter().map(|((one, _), (two, _))| ordered(one.0, two.0)).collect(),
+            arms: arms()
+                .filter(|(_, arm)| !arm.exempt_bodies.is_empty())
+                .map(|(index, _)| (index, index))
+                .chain(cell.allowed_arm_arm.iter().map(|((one, _), (two, _))| ordered(one.0, two.0)))
+                .collect(),
             obstacles: cell.allowed_arm_obstacle.iter().copied().collect(),
+            beside: cell.allowed_arm_obstacle.iter().map(|(arm, _, obstacle)| (arm.0, obstacle.0)).collect(),
         }
     }
 }
+
+/// Parts of two bodies, by their numbers.
+pub(super) type Runs = (Range<usize>, Range<usize>);
 
 /// Which parts of two bodies must not touch each other.
 enum Checked {
     All,
     None,
-    /// These, of the first and of the second.
-    Some(Vec<(usize, usize)>),
+    /// All of these runs of the first and of the second.
+    Some(Vec<Runs>),
 }
 
 /// All bodies: arms first, then obstacles, then objects.
@@ -112,7 +122,7 @@ pub(super) struct Scene<'p> {
     /// Pairs that do not depend on the objects.
     pub standing: Vec<Pair>,
     /// For pairs of which some parts may touch: those that must not.
-    some: Vec<Vec<(usize, usize)>>,
+    some: Vec<Vec<Runs>>,
     /// By object, and by body of an arm some of whose parts it may touch for good: the place in `some`, or nothing where it
     /// may touch all of them.
     allowed: BTreeMap<(usize, usize), Option<usize>>,
@@ -219,17 +229,25 @@ impl<'p> Scene<'p> {
         match (open.is_empty(), exempt.is_empty()) {
             (_, true) => Checked::All,
             (true, false) => Checked::None,
-            (false, false) => {
-                let parts = open.into_iter().flat_map(|((_, one), (_, other))| {
-                    one.clone().flat_map(move |i| other.clone().map(move |j| (i, j)))
-                });
-                Checked::Some(parts.collect())
-            }
+            (false, false) => Checked::Some(
+                open.into_iter().map(|((_, one), (_, other))| (one.clone(), other.clone())).collect(),
+            ),
         }
     }
 
+    /// The same of bodies of two arms, or of one.
+    fn checked_arms(&self, a: usize, b: usize, (one, other): (usize, usize), exempt: &Exempt) -> Checked {
+        if !exempt.arms.contains(&ordered(one, other)) {
+            return Checked::All;
+        }
+        self.checked(a, b, |x, y| {
+            let pair = x.zip(y).map(|(x, y)| ((ArmId(one), x), (ArmId(other), y)));
+            !pair.is_some_and(|(x, y)| exempt.bodies.contains(&ordered(x, y)))
+        })
+    }
+
     /// Which parts of the pair's bodies must not touch each other, where these are not all.
-    pub(super) fn parts_of(&self, pair: &Pair) -> Option<&[(usize, usize)]> {
+    pub(super) fn parts_of(&self, pair: &Pair) -> Option<&[Runs]> {
         pair.some.map(|some| self.some[some].as_slice())
     }
 
@@ -258,26 +276,20 @@ impl<'p> Scene<'p> {
                 if groups.0 == groups.1 || exempt.joined.contains(&(arm, groups)) {
                     return None;
                 }
-                let checked = self.checked(a, b, |x, y| {
-                    let pair = x.zip(y).map(|(x, y)| ((ArmId(arm), x), (ArmId(arm), y)));
-                    !pair.is_some_and(|(x, y)| exempt.bodies.contains(&ordered(x, y)))
-                });
+                let checked = self.checked_arms(a, b, (arm, other), exempt);
                 Some((Pair::new(a, b, chain(arm).common(node, other_node), false), checked))
             }
             Owner::Arm { arm: other, .. } => {
-                let checked = match exempt.arms.contains(&ordered(arm, other)) {
-                    false => Checked::All,
-                    true => self.checked(a, b, |x, y| {
-                        let pair = x.zip(y).map(|(x, y)| ((ArmId(arm), x), (ArmId(other), y)));
-                        !pair.is_some_and(|(x, y)| exempt.bodies.contains(&ordered(x, y)))
-                    }),
-                };
+                let checked = self.checked_arms(a, b, (arm, other), exempt);
                 Some((Pair::new(a, b, 0, true), checked))
             }
             Owner::Obstacle(obstacle) => {
-                let checked = self.checked(a, b, |x, _| {
-                    !x.is_some_and(|x| exempt.obstacles.contains(&(ArmId(arm), x, ObstacleId(obstacle))))
-                });
+                let checked = match exempt.beside.contains(&(arm, obstacle)) {
+                    false => Checked::All,
+                    true => self.checked(a, b, |x, _| {
+                        !x.is_some_and(|x| exempt.obstacles.contains(&(ArmId(arm), x, ObstacleId(obstacle))))
+                    }),
+                };
                 Some((Pair::new(a, b, 0, true), checked))
             }
             Owner::Object(_) => None,

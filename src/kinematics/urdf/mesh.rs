@@ -5,6 +5,7 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
 use std::sync::Arc;
 
+use super::collada::misplaced;
 use crate::geometry::{ConvexHull, ShapeError, Vec3};
 use crate::kinematics::xml::check_structure;
 
@@ -38,8 +39,8 @@ pub enum MeshFilled {
         /// How many it has.
         pieces: usize,
     },
-    /// Some pieces are in one plane or line, or nearly so.
-    #[error("has pieces without a volume and counts as one convex hull")]
+    /// Some pieces are in one plane or line, or nearly so, or open.
+    #[error("has pieces that enclose no volume and counts as one convex hull")]
     FlatPieces,
     /// Some pieces are not convex.
     #[error("has {pieces} pieces that are not convex and count as their convex hulls")]
@@ -125,6 +126,19 @@ impl MeshPart {
         });
         (six.sum::<f64>() / 6.0 / volume - 1.0).abs() <= CONVEX_TOLERANCE
     }
+
+    /// Whether every edge is one of two triangles, or of four, ...
+    fn is_closed(&self) -> bool {
+        let corner = |number: usize| self.points[number].map(f64::to_bits).data.0[0];
+        let mut sides: BTreeMap<[[u64; 3]; 2], usize> = BTreeMap::new();
+        for &[a, b, c] in &self.triangles {
+            for (one, other) in [(a, b), (b, c), (c, a)] {
+                let (one, other) = (corner(one), corner(other));
+                *sides.entry([one.min(other), one.max(other)]).or_default() += 1;
+            }
+        }
+        sides.values().all(|count| count % 2 == 0)
+    }
 }
 
 /// A mesh file.
@@ -149,9 +163,15 @@ impl MeshFileContent {
             let hulls: Result<Vec<_>, _> = self.parts.iter().map(|part| convex_hull(&part.points)).collect();
             if let Ok(hulls) = hulls {
                 let both = self.parts.iter().zip(&hulls);
-                let pieces = both.filter(|(part, hull)| !part.is_convex(hull.volume())).count();
-                let filled = (pieces > 0).then_some(MeshFilled::Pieces { pieces });
-                return Ok(MeshPieces { hulls, filled });
+                let others: Vec<&MeshPart> = both
+                    .filter(|(part, hull)| !part.is_convex(hull.volume()))
+                    .map(|(part, _)| part)
+                    .collect();
+                // Patches of one surface are no pieces: together they enclose more than each of them.
+                if others.iter().all(|part| part.is_closed()) {
+                    let filled = (!others.is_empty()).then_some(MeshFilled::Pieces { pieces: others.len() });
+                    return Ok(MeshPieces { hulls, filled });
+                }
             }
         }
         let points: Vec<Vec3> = self.parts.iter().flat_map(|part| part.points.iter().copied()).collect();
@@ -249,10 +269,11 @@ fn groups_for_objects(bytes: &[u8]) -> Option<Vec<u8>> {
         return None;
     }
     let (mut out, mut objects, mut written) = (Vec::with_capacity(bytes.len()), 0_usize, 0);
-    // Whether the line before goes on in this one, and whether it was left out.
-    let (mut goes_on, mut is_out) = (false, false);
+    // Whether the line before goes on in this one, and whether it was left out; whether that ended with the first half of an
+    // end of two characters.
+    let (mut goes_on, mut is_out, mut after_return) = (false, false, false);
     for line in lines() {
-        let text = line.trim_ascii();
+        let is_half = after_return && line == b"\n";
         if !goes_on {
             is_out = is(line, b"o") || is(line, b"g");
             objects += usize::from(is(line, b"o"));
@@ -267,18 +288,11 @@ fn groups_for_objects(bytes: &[u8]) -> Option<Vec<u8>> {
         if !is_out {
             out.extend_from_slice(line);
         }
-        // An empty line may be the middle of a line's end of two characters.
-        goes_on = text.ends_with(b"\\") || (goes_on && text.is_empty());
+        let body = line.strip_suffix(b"\n").or_else(|| line.strip_suffix(b"\r")).unwrap_or(line);
+        goes_on = body.ends_with(b"\\") || (goes_on && is_half);
+        after_return = line.ends_with(b"\r");
     }
     Some(out)
-}
-
-/// Whether a COLLADA file puts one of its geometries in several places, of which the reader takes one.
-fn places_a_geometry_twice(text: &str) -> bool {
-    let Ok(document) = roxmltree::Document::parse(text) else { return false };
-    let mut seen = std::collections::BTreeSet::new();
-    let mut placed = document.descendants().filter(|node| node.tag_name().name() == "instance_geometry");
-    placed.any(|node| node.attribute("url").is_some_and(|url| !seen.insert(url)))
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -315,8 +329,7 @@ fn kind_of_file(uri: &str, bytes: &[u8]) -> Result<MeshFile, MeshError> {
         MeshFile::Collada => {
             let text = std::str::from_utf8(bytes).map_err(|_| unreadable("it is not UTF-8"))?;
             check_structure(text).map_err(|error| unreadable(&error.to_string()))?;
-            if places_a_geometry_twice(text) {
-                let why = "it puts one geometry in several places; export it with a geometry for each";
+            if let Some(why) = misplaced(text) {
                 return Err(unreadable(why));
             }
         }
@@ -404,16 +417,31 @@ mod tests {
             assert!((tops[0] - 0.1).abs() < 1e-6 && (tops[1] - 0.5).abs() < 1e-6, "{tops:?}");
         }
         // Lines may end and go on in other ways, and objects without faces are none.
-        for (from, to) in
-            [("\n", "\r"), ("\n", "\r\n"), ("o wall\n", "o \\\nwall\n"), ("o wall\n", "o empty\no wall\n")]
-        {
+        for (from, to) in [
+            ("\n", "\r"),
+            ("\n", "\r\n"),
+            ("o wall\n", "o \\\nwall\n"),
+            ("o wall\n", "o wall \\\n\n"),
+            ("o wall\n", "o wall\\ \n"),
+            ("o wall\n", "o empty\no wall\n"),
+        ] {
             let text = angle("o foot\n", "o wall\n").replace(from, to);
             assert_eq!(pieces(&text).hulls.len(), 2, "{text:?}");
         }
-        let stl = "solid a\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\nendloop\n\
-                   endfacet\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 0 1\nendloop\n\
-                   endfacet\nendsolid a\n";
-        let two = format!("{stl}{}", stl.replace("vertex 0 0 0", "vertex 5 5 5"));
+        let solid = |at: f64| {
+            let corners = [[at, 0.0, 0.0], [at + 1.0, 0.0, 0.0], [at, 1.0, 0.0], [at, 0.0, 1.0]];
+            let facet = |face: [usize; 3]| {
+                let vertex = |corner: usize| {
+                    let [x, y, z] = corners[corner];
+                    format!("vertex {x} {y} {z}\n")
+                };
+                let vertices: String = face.map(vertex).concat();
+                format!("facet normal 0 0 1\nouter loop\n{vertices}endloop\nendfacet\n")
+            };
+            let facets: String = [[0, 1, 2], [0, 1, 3], [0, 2, 3], [1, 2, 3]].map(facet).concat();
+            format!("solid a\n{facets}endsolid a\n")
+        };
+        let two = format!("{}{}", solid(0.0), solid(5.0));
         let content = read_mesh("a.stl", two.as_bytes(), &Vec3::repeat(1.0)).unwrap();
         assert_eq!(content.pieces().unwrap().hulls.len(), 2);
     }
@@ -434,6 +462,18 @@ mod tests {
         let third = obj_box([1.0, 1.0, 1.0], [1.1, 1.1, 1.1], 17);
         let found = pieces(&format!("{}o third\n{third}", angle("o angle\n", "")));
         assert_eq!((found.hulls.len(), found.filled), (2, Some(MeshFilled::Pieces { pieces: 1 })));
+        // The halves of a box, open where they meet, are no pieces.
+        let box_ = obj_box([0.0, 0.0, 0.0], [1.0, 1.0, 1.0], 1);
+        let mut faces = 0;
+        let halves: String = box_
+            .lines()
+            .map(|line| {
+                faces += usize::from(line.starts_with('f'));
+                let begins = if line.starts_with('f') && faces % 3 == 1 { "o half\n" } else { "" };
+                format!("{begins}{line}\n")
+            })
+            .collect();
+        assert_eq!((pieces(&halves).hulls.len(), pieces(&halves).filled), (1, Some(MeshFilled::FlatPieces)));
         // A flat piece encloses nothing; all together do.
         let flat = format!("{}o flat\nf 1 2 3\n", angle("o foot\n", "o wall\n"));
         assert_eq!(pieces(&flat).filled, Some(MeshFilled::FlatPieces));
@@ -457,7 +497,8 @@ mod tests {
         let mut huge_count = good.clone();
         huge_count[80..84].copy_from_slice(&u32::MAX.to_le_bytes());
         assert!(read_mesh("a.stl", &huge_count, &Vec3::repeat(1.0)).is_err());
-        let twice = "<COLLADA><instance_geometry url='#a'/><instance_geometry url='#a'/></COLLADA>";
+        let twice = "<COLLADA><library_visual_scenes><instance_geometry url='#a'/><instance_geometry url='#a'/>\
+                     </library_visual_scenes></COLLADA>";
         let error = read_mesh("a.dae", twice.as_bytes(), &Vec3::repeat(1.0)).unwrap_err();
         assert!(error.to_string().contains("several places"), "{error}");
         let deep = format!("<COLLADA>{}", "<a>".repeat(100_000));

@@ -3,6 +3,7 @@
 //! The text comes from outside: it is bounded before it is parsed, nothing is read but what the
 //! [`MeshResolver`] hands out, and every fault is a typed error.
 
+mod collada;
 mod document;
 mod error;
 mod mesh;

@@ -35,7 +35,8 @@ fn polygons(bytes: &[u8]) -> usize {
         let begins = matches!(line, [b'f', next, ..] if next.is_ascii_whitespace() || *next == b'\\');
         if begins || goes_on {
             let words = line.split(u8::is_ascii_whitespace).filter(|word| !word.is_empty()).count();
-            triangles += if begins { words.saturating_sub(3) } else { words };
+            // One that is none is work, too: it may begin a group.
+            triangles += if begins { words.saturating_sub(3).max(1) } else { words };
         }
         // An empty line may be the middle of a line's end of two characters.
         goes_on = (begins || goes_on) && (line.is_empty() || line.ends_with(b"\\"));
