@@ -5,7 +5,7 @@ use crate::geometry::{Pose, Vec3};
 /// How closely (m) a distance is worked out.
 const CLOSE: f64 = 1e-8;
 
-/// Rounds after which what is known is said: each takes three quarters of what is open, at least.
+/// Rounds after which what is known is said: a bound that is lower by what is still open.
 const ROUNDS: usize = 40;
 
 /// A lower bound (m) on the distance between a cylinder and a capsule. It is at least `need`, or short of that distance by

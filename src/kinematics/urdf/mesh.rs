@@ -129,7 +129,8 @@ impl MeshPart {
 
     /// Whether every edge is one of two triangles, or of four, ...
     fn is_closed(&self) -> bool {
-        let corner = |number: usize| self.points[number].map(f64::to_bits).data.0[0];
+        // The sign of a zero does not tell corners apart.
+        let corner = |number: usize| self.points[number].map(|value| (value + 0.0).to_bits()).data.0[0];
         let mut sides: BTreeMap<[[u64; 3]; 2], usize> = BTreeMap::new();
         for &[a, b, c] in &self.triangles {
             for (one, other) in [(a, b), (b, c), (c, a)] {
