@@ -3,7 +3,7 @@
 use crate::collision::{CollisionWorld, Exemption};
 use crate::kinematics::Config;
 use crate::problem::Problem;
-use crate::run::{Control, Rng, Seed};
+use crate::run::{Control, Rng, Seed, share};
 use crate::workcell::{ArmId, Workcell};
 
 use super::arm_path::{Avoid, Surroundings, find_path, shortcut};
@@ -101,21 +101,7 @@ pub fn first_roadmaps(
         roadmap
     };
     let count = workcell.arms.len();
-    let threads = threads.clamp(1, count.max(1));
-    let mut parts: Vec<Vec<Roadmap>> = Vec::new();
-    if threads == 1 {
-        parts.push((0..count).map(build).collect());
-    } else {
-        let build = &build;
-        std::thread::scope(|scope| {
-            let part = |first: usize| (first..count).step_by(threads).map(build).collect::<Vec<_>>();
-            let workers: Vec<_> = (0..threads).map(|first| scope.spawn(move || part(first))).collect();
-            parts = workers.into_iter().filter_map(|worker| worker.join().ok()).collect();
-        });
-    }
-    let mut roadmaps: Vec<Roadmap> = parts.into_iter().flatten().collect();
-    roadmaps.sort_by_key(Roadmap::arm);
-    (roadmaps, !control.should_stop())
+    (share(count, threads, || (), |(), index| build(index)), !control.should_stop())
 }
 
 impl<'a> StepPlanner<'a> {

@@ -7,15 +7,14 @@ use std::time::Duration;
 use crate::collision::CollisionWorld;
 use crate::guidance::{Answer, Certificate, Cuts, Effort, Instance, Network, Proof, solve};
 use crate::mode_graph::{ModeGraph, ModeGraphOptions, build_mode_graph, optimistic_mode_graph};
-use crate::motion::Roadmap;
 use crate::plan::{Metrics, Plan, StepsProof};
 use crate::problem::{Objective, Problem};
 use crate::run::{CancelToken, Control, Deadline, Seed};
 use crate::search::{Candidate, Map, Report, Search, Settings};
-use crate::transition::SampledReach;
+use crate::transition::{Contacts, SampledReach};
 use crate::verify::verify_unless;
 
-use super::cache::PlannerCache;
+use super::cache::{CompiledWorkcell, PlannerCache};
 use super::event::{Outcome, PlannerEvent, Termination};
 
 /// Pairs of actions that are looked at closely and found not to go together in one step before the search begins.
@@ -114,7 +113,8 @@ fn run(
     let run = Run {
         problem,
         world: &world,
-        roadmaps: compiled.roadmaps(),
+        compiled: &compiled,
+        handed: Mutex::default(),
         map: Mutex::new(search.map()),
         others: &others,
         settles: AtomicBool::new(false),
@@ -225,7 +225,9 @@ struct Bound {
 struct Run<'a, 'o> {
     problem: &'a Problem,
     world: &'a CollisionWorld,
-    roadmaps: &'a [Roadmap],
+    compiled: &'a CompiledWorkcell,
+    /// What the first thread knew of contacts when others could join.
+    handed: Mutex<Vec<Contacts<'a>>>,
     /// What threads that join search on.
     map: Mutex<&'a Map>,
     /// Places for further maps, and whether a thread has set about filling them.
@@ -276,15 +278,23 @@ impl<'a> Run<'a, '_> {
     fn search_with(&self, threads: usize, first: Search<'a>) {
         std::thread::scope(|scope| {
             for index in 1..threads {
-                let own = self.seed.part(index as u64);
-                let contacts = first.contacts().clone().with_rng(own.stream("contacts"));
-                let (settings, roadmaps) = (Settings::default(), self.roadmaps.to_vec());
                 scope.spawn(move || {
+                    if index == 1 {
+                        // By the time that there is a candidate, it is known how many steps it takes at least.
+                        self.bound();
+                    }
                     self.wait_to_join();
                     if self.should_stop() {
                         return;
                     }
                     let (problem, world) = (self.problem, self.world);
+                    let own = self.seed.part(index as u64);
+                    let handed = self.handed.lock().unwrap_or_else(PoisonError::into_inner).pop();
+                    let contacts = handed.unwrap_or_else(|| {
+                        SampledReach::remembering(problem, world, own, self.compiled.memory()).into_contacts()
+                    });
+                    let contacts = contacts.with_rng(own.stream("contacts"));
+                    let (settings, roadmaps) = (Settings::default(), self.compiled.roadmaps().to_vec());
                     let map = self.map();
                     let search =
                         Search::new(problem, world, map, contacts, roadmaps, settings, own, self.control);
@@ -292,6 +302,9 @@ impl<'a> Run<'a, '_> {
                 });
             }
             let _end = End(self);
+            if self.others_may_join() {
+                self.hand_over(&first);
+            }
             self.search(first);
         });
     }
@@ -343,6 +356,15 @@ impl<'a> Run<'a, '_> {
         *self.under_way.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
+    /// Hands what `search` knows of contacts to the threads that are about to join.
+    fn hand_over(&self, search: &Search<'a>) {
+        if !self.should_stop() {
+            let others = self.problem.options.threads.max(1) - 1;
+            let copies = std::iter::repeat_n(search.contacts().clone(), others);
+            self.handed.lock().unwrap_or_else(PoisonError::into_inner).extend(copies);
+        }
+    }
+
     fn let_others_join(&self) {
         *self.under_way.lock().unwrap_or_else(PoisonError::into_inner) = true;
         self.joining.notify_all();
@@ -386,6 +408,7 @@ impl<'a> Run<'a, '_> {
                         own = Some(cost);
                         if !self.others_may_join() && !self.settles.swap(true, Ordering::Relaxed) {
                             search = self.settle_for_less(search);
+                            self.hand_over(&search);
                         }
                         self.let_others_join();
                     }
@@ -482,7 +505,9 @@ impl<'a> Run<'a, '_> {
         // The first plan is judged to the end, even when its time has come.
         let is_first = self.lock(|board| board.best.is_none());
         let is_over = || self.control.cancel.is_cancelled() || !is_first && self.control.deadline.passed();
-        let verdict = verify_unless(self.problem, &plan, &is_over)?;
+        // Until there is a plan the other threads wait.
+        let threads = if is_first { self.problem.options.threads } else { 1 };
+        let verdict = verify_unless(self.problem, &plan, threads, &is_over)?;
         let judged_s = self.control.deadline.elapsed_s();
         let valid = verdict.valid;
         self.lock(|board| {

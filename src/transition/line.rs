@@ -39,13 +39,13 @@ impl Line {
     /// The line from the contact `q` along the unit vector `direction` (world) over `distance`
     /// (m), with the run-out where it can be had; `None` when the arm cannot follow it.
     pub fn follow(arm: &Arm, q: &[f64], direction: &Vec3, distance: f64) -> Option<Self> {
-        let start = arm.tcp_pose(q);
+        let ray = Ray::new(arm, q, direction);
         let mut waypoints = vec![Config::from_slice(q)];
         let pieces = (distance / SPACING).ceil().max(1.0) as usize;
         let mut advance = |along: f64| {
             let previous = waypoints.last()?;
-            let next = step(arm, &start, direction, along, previous)?;
-            is_straight(arm, &start, direction, previous, &next).then(|| waypoints.push(next))
+            let next = ray.step(along, previous)?;
+            ray.is_kept(previous, &next).then(|| waypoints.push(next))
         };
         let mut before = 0.0;
         let mut ahead: SmallVec<[f64; 8]> =
@@ -61,8 +61,8 @@ impl Line {
         }
         let last = waypoints.last()?.clone();
         let mut runs_out = false;
-        if let Some(beyond) = step(arm, &start, direction, distance + LINE_RUNOUT, &last)
-            && is_straight(arm, &start, direction, &last, &beyond)
+        if let Some(beyond) = ray.step(distance + LINE_RUNOUT, &last)
+            && ray.is_kept(&last, &beyond)
         {
             waypoints.push(beyond);
             runs_out = true;
@@ -81,22 +81,46 @@ impl Line {
     }
 }
 
-/// The configuration that holds the TCP at `start` moved by `along` (m), continuing from `seed`.
-fn step(arm: &Arm, start: &Pose, direction: &Vec3, along: f64, seed: &[f64]) -> Option<Config> {
-    let mut tcp = *start;
-    tcp.translation.vector += direction * along;
-    let mount = arm.base.inverse() * tcp * arm.tool.tcp.inverse();
-    arm.model.inverse_near(&arm.limits, &mount, seed, GREATEST_JOINT_STEP)
+/// Where the TCP starts and which way it goes, in the arm's root frame.
+struct Ray<'a> {
+    arm: &'a Arm,
+    /// The mount frame at the start.
+    mount: Pose,
+    /// The TCP's origin at the start (m).
+    tcp: Vec3,
+    /// Of unit length.
+    direction: Vec3,
 }
 
-/// Whether the joint segment keeps the TCP on the line. Between two configurations that are this near to
-/// each other it strays most in the middle, but for terms of third order.
-fn is_straight(arm: &Arm, start: &Pose, direction: &Vec3, from: &[f64], to: &[f64]) -> bool {
-    let q: Config = from.iter().zip(to).map(|(a, b)| (a + b) / 2.0).collect();
-    let tcp = arm.tcp_pose(&q);
-    let offset = tcp.translation.vector - start.translation.vector;
-    let aside = offset - direction * offset.dot(direction);
-    // A small rotation's quaternion has half the angle for its vector.
-    let turn = 2.0 * start.rotation.rotation_to(&tcp.rotation).vector().norm();
-    aside.norm() < GREATEST_SAG && turn < GREATEST_TURN
+impl<'a> Ray<'a> {
+    /// From the TCP at `q` along `direction` (world).
+    fn new(arm: &'a Arm, q: &[f64], direction: &Vec3) -> Self {
+        let mount = arm.model.mount_pose(q);
+        let direction = arm.base.rotation.inverse_transform_vector(direction);
+        Self { arm, mount, tcp: tcp(arm, &mount), direction }
+    }
+
+    /// The configuration that holds the TCP moved by `along` (m) from the start, continuing from `seed`.
+    fn step(&self, along: f64, seed: &[f64]) -> Option<Config> {
+        let mut mount = self.mount;
+        mount.translation.vector += self.direction * along;
+        self.arm.model.inverse_near(&self.arm.limits, &mount, seed, GREATEST_JOINT_STEP)
+    }
+
+    /// Whether the joint segment keeps the TCP on the ray. Between two configurations that are this near to
+    /// each other it strays most in the middle, but for terms of third order.
+    fn is_kept(&self, from: &[f64], to: &[f64]) -> bool {
+        let q: Config = from.iter().zip(to).map(|(a, b)| (a + b) / 2.0).collect();
+        let mount = self.arm.model.mount_pose(&q);
+        let offset = tcp(self.arm, &mount) - self.tcp;
+        let aside = offset - self.direction * offset.dot(&self.direction);
+        // A small rotation's quaternion has half the angle for its vector.
+        let turn = 2.0 * self.mount.rotation.rotation_to(&mount.rotation).vector().norm();
+        aside.norm() < GREATEST_SAG && turn < GREATEST_TURN
+    }
+}
+
+/// The TCP's origin (m) where the mount frame is at `mount`.
+fn tcp(arm: &Arm, mount: &Pose) -> Vec3 {
+    mount.rotation * arm.tool.tcp.translation.vector + mount.translation.vector
 }

@@ -90,19 +90,20 @@ impl Arms {
     }
 
     /// The frames of all nodes of `arm` in the middle of `[a, b]`, and for every joint how far it
-    /// gets from its value there. Gives the number of segments that were looked at.
+    /// gets from its value there; `q` is room to work in. Gives the number of segments that were looked at.
     pub(super) fn place(
-        &mut self,
+        &self,
         arm: usize,
         a: f64,
         b: f64,
+        q: &mut Vec<f64>,
         frames: &mut Vec<Frame>,
         excursions: &mut Vec<f64>,
     ) -> u64 {
         let curve = &self.curves[arm];
-        curve.position(0.5 * (a + b), &mut self.q);
-        curve.excursions(a, b, &self.q, excursions);
-        self.chains[arm].frames(&self.q, frames);
+        curve.position(0.5 * (a + b), q);
+        curve.excursions(a, b, q, excursions);
+        self.chains[arm].frames(q, frames);
         curve.segments_between(a, b)
     }
 }

@@ -8,15 +8,13 @@
 //! clear many of them at once.
 
 use std::collections::BTreeMap;
+use std::ops::Range;
 
-use super::arms::Arms;
-use super::custody::{Custody, Timeline};
+use super::custody::Custody;
 use super::gap::{Frame, Part, gap, lower_along};
 use super::scene::{Owner, Pair, Scene};
-use super::straight::Window;
-use super::structure::SAME_TIME;
-use super::units::{Bounds, Units};
-use super::verdict::{Clearance, Report, Rule};
+use super::spans::{Course, Found};
+use super::units::Bounds;
 use crate::geometry::Vec3;
 
 /// Contact is an overlap deeper than this (m).
@@ -25,15 +23,11 @@ const TOLERANCE: f64 = 2e-3;
 const UNDECIDED: f64 = 1e-4;
 /// The least clearance is found to this (m).
 const CLEARANCE_STEP: f64 = 1e-3;
-/// Instants, spread over the plan, at which a first idea of the least clearance is had.
-const MOST_SEEDS: usize = 64;
 /// Overlaps are followed down to intervals of this length (s), for their start and depth.
 const FOLLOW: f64 = 0.01;
 /// No interval is halved below this length (s).
 const SHORTEST: f64 = 1e-9;
-/// The most work before the judge gives up, in units of about 5 ns.
-const MAX_WORK: u64 = 1_000_000_000;
-/// Work between two looks at whether to stop.
+/// Work, in units of about 5 ns, between two looks at whether to stop.
 const STOP_PERIOD: u64 = 100_000;
 /// What a query, and an arm's frames, cost in these units.
 const QUERY_WORK: u64 = 60;
@@ -47,22 +41,38 @@ const LEAST_RUN: usize = 4;
 
 /// An overlap of two bodies.
 #[derive(Debug, Clone, Copy)]
-struct Overlap {
+pub(super) struct Overlap {
     /// The parts that overlap most.
-    parts: (usize, usize),
-    first: f64,
-    deepest: f64,
-    depth: f64,
-    decided: bool,
+    pub parts: (usize, usize),
+    /// Since when (s).
+    pub first: f64,
+    /// When it is deepest (s), and how deep that is (m).
+    pub deepest: f64,
+    pub depth: f64,
+    /// Whether it is certain.
+    pub decided: bool,
+}
+
+impl Overlap {
+    /// Makes one of this and `new`, an overlap of the same two bodies.
+    pub(super) fn join(&mut self, new: &Self) {
+        self.first = self.first.min(new.first);
+        self.decided |= new.decided;
+        if new.depth > self.depth {
+            (self.depth, self.deepest, self.parts) = (new.depth, new.deepest, new.parts);
+        }
+    }
 }
 
 /// The closest that a counted pair was seen.
 #[derive(Debug, Clone, Copy)]
-struct Closest {
-    distance: f64,
-    t: f64,
-    bodies: (usize, usize),
-    parts: (usize, usize),
+pub(super) struct Closest {
+    /// How close (m).
+    pub distance: f64,
+    /// When (s).
+    pub t: f64,
+    pub bodies: (usize, usize),
+    pub parts: (usize, usize),
 }
 
 /// What is known of two bodies at the middle of an interval.
@@ -88,22 +98,25 @@ struct Place {
 #[derive(Debug, Clone, Default)]
 struct ArmPlace {
     stamp: u64,
+    q: Vec<f64>,
     frames: Vec<Frame>,
     excursions: Vec<f64>,
 }
 
-struct Inspector<'a, 'p> {
+/// One thread's look at a plan.
+pub(super) struct Inspector<'a, 'p> {
+    course: &'a Course<'a, 'p>,
     scene: &'a Scene<'p>,
-    arms: &'a mut Arms,
     custody: Vec<Custody>,
-    /// Those of the same two units side by side.
+    /// The pairs that count for the sake of objects; their numbers follow those of the pairs that count all the time.
     pairs: Vec<Pair>,
-    units: Units,
     /// By unit, the box around all that it sweeps, and for which interval.
     boxes: Vec<(u64, Bounds)>,
     /// By pair: where its axes start in `axes`.
     axes_at: Vec<Option<usize>>,
     axes: Vec<Vec3>,
+    /// How many of the axes are of pairs that count all the time.
+    standing_axes: usize,
     places: Vec<Place>,
     arm_places: Vec<ArmPlace>,
     stamp: u64,
@@ -111,78 +124,8 @@ struct Inspector<'a, 'p> {
     /// By pair of bodies.
     overlaps: BTreeMap<(usize, usize), Overlap>,
     closest: Option<Closest>,
+    /// Work that the others do not know of yet.
     work: u64,
-    /// Whether to stop, and the work at which that is asked next.
-    stop: &'a dyn Fn() -> bool,
-    next_look: u64,
-}
-
-/// Certifies the whole time, unless `stop` ends it; reports what overlaps, and gives the least clearance.
-pub(super) fn check(
-    scene: &Scene<'_>,
-    timeline: &Timeline<'_>,
-    windows: &[Window],
-    arms: &mut Arms,
-    stop: &dyn Fn() -> bool,
-    report: &mut Report,
-) -> Option<Clearance> {
-    let cuts = cut_times(timeline, windows, arms.duration());
-    let objects = timeline.spells.len();
-    let units = Units::new(scene);
-    let mut standing = scene.standing.clone();
-    standing.sort_by_key(|pair| (units.of(pair), pair.a, pair.b));
-    let place = Place { stamp: 0, frame: Frame::identity(), centre: Vec3::zeros(), bounds: Vec::new() };
-    let mut inspector = Inspector {
-        scene,
-        custody: Vec::new(),
-        pairs: standing,
-        boxes: vec![(0, Bounds::empty()); units.len()],
-        units,
-        axes_at: Vec::new(),
-        axes: Vec::new(),
-        places: vec![place; scene.bodies.len()],
-        arm_places: vec![ArmPlace::default(); arms.len()],
-        arms,
-        stamp: 0,
-        spare: Vec::new(),
-        overlaps: BTreeMap::new(),
-        closest: None,
-        work: 0,
-        stop,
-        next_look: 0,
-    };
-    inspector.remember_axes(0);
-    let (standing, standing_axes) = (inspector.pairs.len(), inspector.axes.len());
-    for seeding in [true, false] {
-        for (number, phase) in cuts.windows(2).enumerate() {
-            let &[from, to] = phase else { continue };
-            if seeding && number % cuts.len().div_ceil(MOST_SEEDS) != 0 {
-                continue;
-            }
-            let middle = 0.5 * (from + to);
-            inspector.pairs.truncate(standing);
-            inspector.axes_at.truncate(standing);
-            inspector.axes.truncate(standing_axes);
-            inspector.custody.clear();
-            inspector.custody.extend((0..objects).map(|object| timeline.at(object, middle)));
-            let open: Vec<Window> =
-                windows.iter().filter(|w| w.from <= middle && middle <= w.to).copied().collect();
-            let arms = &*inspector.arms;
-            scene.object_pairs(&inspector.custody, &open, |arm| arms.chain(arm), &mut inspector.pairs);
-            inspector.remember_axes(standing);
-            if seeding {
-                inspector.seed(from);
-                continue;
-            }
-            let all: Vec<usize> = (0..inspector.pairs.len()).collect();
-            if !inspector.certify(from, to, &all) {
-                let message = "the judge gave up on contacts: too much motion close to other bodies";
-                report.add(Rule::TooLarge, Some(from), &[], 0.0, message);
-                break;
-            }
-        }
-    }
-    inspector.conclude(report)
 }
 
 /// The signed distance (m) of two bodies at these frames.
@@ -197,21 +140,85 @@ pub(super) fn least_distance(
     pairs.map(|(part, other)| gap(part, at, other, b_at, f64::MAX).estimate).fold(f64::INFINITY, f64::min)
 }
 
-/// The times at which the set of pairs changes, from 0 to the end.
-fn cut_times(timeline: &Timeline<'_>, windows: &[Window], end: f64) -> Vec<f64> {
-    let mut cuts = vec![0.0, end];
-    cuts.extend(timeline.spells.iter().flatten().map(|spell| spell.from));
-    cuts.extend(windows.iter().flat_map(|window| [window.from, window.to]));
-    cuts.retain(|t| (0.0..=end).contains(t));
-    cuts.sort_by(f64::total_cmp);
-    cuts.dedup_by(|later, earlier| *later - *earlier <= SAME_TIME);
-    cuts
-}
+impl<'a, 'p> Inspector<'a, 'p> {
+    /// One that has looked at nothing of `course`.
+    pub(super) fn new(course: &'a Course<'a, 'p>) -> Self {
+        let scene = course.scene;
+        let place = Place { stamp: 0, frame: Frame::identity(), centre: Vec3::zeros(), bounds: Vec::new() };
+        let mut new = Self {
+            course,
+            scene,
+            custody: Vec::new(),
+            pairs: Vec::new(),
+            boxes: vec![(0, Bounds::empty()); course.units.len()],
+            axes_at: Vec::new(),
+            axes: Vec::new(),
+            standing_axes: 0,
+            places: vec![place; scene.bodies.len()],
+            arm_places: vec![ArmPlace::default(); course.arms.len()],
+            stamp: 0,
+            spare: Vec::new(),
+            overlaps: BTreeMap::new(),
+            closest: None,
+            work: 0,
+        };
+        new.remember_axes(&course.standing);
+        new.standing_axes = new.axes.len();
+        new
+    }
 
-impl Inspector<'_, '_> {
-    /// Makes room for the axes of the pairs from `first` on.
-    fn remember_axes(&mut self, first: usize) {
-        for pair in &self.pairs[first..] {
+    /// The closest counted pair so far.
+    pub(super) fn closest(&self) -> Option<Closest> {
+        self.closest
+    }
+
+    /// Certifies the pieces of time in `phases`, with `closest` known before. The same comes out whatever was looked at
+    /// before.
+    pub(super) fn inspect(&mut self, phases: Range<usize>, closest: Option<Closest>) -> Found {
+        self.closest = closest;
+        self.axes[..self.standing_axes].fill(Vec3::zeros());
+        let (begin, _) = self.course.phase(phases.start);
+        let mut goes_on = self.course.go_on(0);
+        for number in phases {
+            if !goes_on {
+                break;
+            }
+            self.enter(number);
+            let (from, to) = self.course.phase(number);
+            let all: Vec<usize> = (0..self.count()).collect();
+            goes_on = self.certify(from, to, &all);
+        }
+        goes_on &= self.course.go_on(std::mem::take(&mut self.work));
+        let gave_up = (!goes_on).then_some(begin);
+        Found { overlaps: std::mem::take(&mut self.overlaps), closest: self.closest, gave_up }
+    }
+
+    /// Turns to the pairs that count in piece `number`.
+    fn enter(&mut self, number: usize) {
+        self.axes_at.truncate(self.course.standing.len());
+        self.axes.truncate(self.standing_axes);
+        let mut pairs = std::mem::take(&mut self.pairs);
+        pairs.clear();
+        self.course.objects_in(number, &mut self.custody, &mut pairs);
+        self.remember_axes(&pairs);
+        self.pairs = pairs;
+    }
+
+    /// How many pairs count.
+    fn count(&self) -> usize {
+        self.course.standing.len() + self.pairs.len()
+    }
+
+    /// The pair of this number.
+    #[inline]
+    fn pair(&self, index: usize) -> &Pair {
+        let standing = &self.course.standing;
+        standing.get(index).unwrap_or_else(|| &self.pairs[index - standing.len()])
+    }
+
+    /// Makes room for the axes of further `pairs`.
+    fn remember_axes(&mut self, pairs: &[Pair]) {
+        for pair in pairs {
             let count = self.scene.bodies[pair.a].parts.len() * self.scene.bodies[pair.b].parts.len();
             if count <= MAX_AXES {
                 self.axes_at.push(Some(self.axes.len()));
@@ -234,7 +241,7 @@ impl Inspector<'_, '_> {
             Owner::Object(object) => match self.custody[object] {
                 Custody::Resting { .. } => (None, None),
                 Custody::Held { arm, grip } => {
-                    let chain = self.arms.chain(arm.0);
+                    let chain = self.course.arms.chain(arm.0);
                     (Some((arm.0, chain.mount())), Some(chain.tcp().compose(&grip)))
                 }
             },
@@ -258,10 +265,11 @@ impl Inspector<'_, '_> {
         let arm_place = &mut self.arm_places[arm];
         if arm_place.stamp != self.stamp {
             arm_place.stamp = self.stamp;
-            let segments = self.arms.place(arm, a, b, &mut arm_place.frames, &mut arm_place.excursions);
+            let ArmPlace { q, frames, excursions, .. } = arm_place;
+            let segments = self.course.arms.place(arm, a, b, q, frames, excursions);
             self.work += FRAMES_WORK + 20 * segments;
         }
-        let chain = self.arms.chain(arm);
+        let chain = self.course.arms.chain(arm);
         place.frame = match grip {
             Some(grip) => arm_place.frames[node].compose(&grip),
             None => arm_place.frames[node],
@@ -281,7 +289,7 @@ impl Inspector<'_, '_> {
     /// The distance of a pair in the middle, exact enough to see that it exceeds `enough` or how
     /// much it is below.
     fn apart(&mut self, index: usize, enough: f64) -> Apart {
-        let pair = self.pairs[index];
+        let pair = *self.pair(index);
         let scene = self.scene;
         let (a, b) = (&scene.bodies[pair.a], &scene.bodies[pair.b]);
         let (at, other_at) = (self.places[pair.a].frame, self.places[pair.b].frame);
@@ -340,7 +348,7 @@ impl Inspector<'_, '_> {
         enough: f64,
         apart: &mut Apart,
     ) {
-        let pair = self.pairs[index];
+        let pair = *self.pair(index);
         let (at, other_at) = (self.places[pair.a].frame, self.places[pair.b].frame);
         let slot = self.axes_at[index].map(|start| start + number);
         if let Some(slot) = slot
@@ -364,10 +372,12 @@ impl Inspector<'_, '_> {
         }
     }
 
-    /// A first idea of the least clearance, from one instant.
-    fn seed(&mut self, t: f64) {
+    /// A first idea of the least clearance, from the beginning of piece `number`.
+    pub(super) fn seed(&mut self, number: usize) {
+        self.enter(number);
+        let (t, _) = self.course.phase(number);
         self.stamp += 1;
-        let all: Vec<usize> = (0..self.pairs.len()).filter(|&index| self.pairs[index].counted).collect();
+        let all: Vec<usize> = (0..self.count()).filter(|&index| self.pair(index).counted).collect();
         let near = self.sift((t, t), &all, self.least());
         for &index in &near {
             self.look_closer(index, t);
@@ -385,7 +395,7 @@ impl Inspector<'_, '_> {
     fn sift(&mut self, (a, b): (f64, f64), open: &[usize], target: f64) -> Vec<usize> {
         let mut kept = self.spare.pop().unwrap_or_default();
         kept.clear();
-        let units = |it: &Self, index: usize| it.units.of(&it.pairs[index]);
+        let units = |it: &Self, index: usize| it.course.units.of(it.pair(index));
         let mut rest = open;
         while let Some(&first) = rest.first() {
             let (one, two) = units(self, first);
@@ -401,10 +411,10 @@ impl Inspector<'_, '_> {
             if swept.distance(&other) > target {
                 continue;
             }
-            for of_body in run.chunk_by(|&x, &y| self.pairs[x].a == self.pairs[y].a) {
+            for of_body in run.chunk_by(|&x, &y| self.pair(x).a == self.pair(y).a) {
                 if of_body.len() >= LEAST_RUN {
-                    let place = &self.places[self.pairs[of_body[0]].a];
-                    let needs = self.scene.bodies[self.pairs[of_body[0]].a].radius
+                    let place = &self.places[self.pair(of_body[0]).a];
+                    let needs = self.scene.bodies[self.pair(of_body[0]).a].radius
                         + place.bounds.first().copied().unwrap_or(0.0);
                     if other.distance_to(&place.centre) - needs > target {
                         continue;
@@ -423,10 +433,10 @@ impl Inspector<'_, '_> {
             return known;
         }
         let mut bounds = Bounds::empty();
-        for member in 0..self.units.members(unit).len() {
-            let body = self.units.members(unit)[member];
+        for member in 0..self.course.units.members(unit).len() {
+            let body = self.course.units.members(unit)[member];
             self.place(body, a, b);
-            if let Some(still) = self.units.still(body) {
+            if let Some(still) = self.course.units.still(body) {
                 bounds = *still;
                 continue;
             }
@@ -440,7 +450,7 @@ impl Inspector<'_, '_> {
 
     /// Takes note of a counted pair at the instant `t` alone, if it is the closest so far.
     fn look_closer(&mut self, index: usize, t: f64) {
-        let pair = self.pairs[index];
+        let pair = *self.pair(index);
         self.place(pair.a, t, t);
         self.place(pair.b, t, t);
         self.work += 1;
@@ -465,10 +475,10 @@ impl Inspector<'_, '_> {
         let ball = |body: usize| (&self.places[body].centre, self.scene.bodies[body].radius);
         let ((one, radius), (two, other_radius)) = (ball(pair.a), ball(pair.b));
         let mut apart = (one - two).norm() - radius - other_radius;
-        if let Some(still) = self.units.still(pair.b) {
+        if let Some(still) = self.course.units.still(pair.b) {
             apart = apart.max(still.distance_to(one) - radius);
         }
-        if let Some(still) = self.units.still(pair.a) {
+        if let Some(still) = self.course.units.still(pair.a) {
             apart = apart.max(still.distance_to(two) - other_radius);
         }
         apart
@@ -485,7 +495,7 @@ impl Inspector<'_, '_> {
         let mut excess = f64::INFINITY;
         self.work += near.len() as u64;
         for &index in &near {
-            let pair = self.pairs[index];
+            let pair = *self.pair(index);
             self.place(pair.a, from, to);
             self.place(pair.b, from, to);
             let bound = |place: &Place| place.bounds.get(pair.common).copied().unwrap_or(0.0);
@@ -531,7 +541,7 @@ impl Inspector<'_, '_> {
             }
         }
         self.spare.push(near);
-        let done = if self.work > MAX_WORK || self.is_stopped() {
+        let done = if self.is_over() {
             false
         } else {
             // Motion shrinks about as the interval does: fewer pieces would hardly clear a pair.
@@ -544,55 +554,20 @@ impl Inspector<'_, '_> {
         done
     }
 
-    fn is_stopped(&mut self) -> bool {
-        if self.work < self.next_look {
-            return false;
-        }
-        self.next_look = self.work + STOP_PERIOD;
-        (self.stop)()
+    fn is_over(&mut self) -> bool {
+        self.work > STOP_PERIOD && !self.course.go_on(std::mem::take(&mut self.work))
     }
 
     /// Remembers an overlap; one for each pair of bodies.
     fn overlap(&mut self, pair: &Pair, apart: &Apart, t: f64, decided: bool) {
         let (depth, parts) = (-apart.estimate, apart.parts);
         let new = Overlap { parts, first: t, deepest: t, depth, decided };
-        let known = self.overlaps.entry((pair.a, pair.b)).or_insert(new);
-        known.first = known.first.min(t);
-        known.decided |= decided;
-        if depth > known.depth {
-            (known.depth, known.deepest, known.parts) = (depth, t, parts);
-        }
+        self.overlaps.entry((pair.a, pair.b)).and_modify(|known| known.join(&new)).or_insert(new);
     }
+}
 
-    /// The names of a pair's parts.
-    fn names(&self, bodies: (usize, usize), parts: (usize, usize)) -> [String; 2] {
-        let name =
-            |body: usize, part: usize| self.scene.bodies[body].names.get(part).cloned().unwrap_or_default();
-        [name(bodies.0, parts.0), name(bodies.1, parts.1)]
-    }
-
-    /// Reports the overlaps and gives the least clearance.
-    fn conclude(self, report: &mut Report) -> Option<Clearance> {
-        for (&bodies, overlap) in &self.overlaps {
-            let names = self.names(bodies, overlap.parts);
-            let bodies = [names[0].as_str(), names[1].as_str()];
-            let (rule, message) = if overlap.decided {
-                let message =
-                    format!("they overlap by {:.2} mm at t={:.3} s", overlap.depth * 1e3, overlap.deepest);
-                (Rule::Collision, message)
-            } else {
-                let message = format!(
-                    "at a distance of {:.2} mm it cannot be shown that they do not overlap by more than 2 mm",
-                    -overlap.depth * 1e3
-                );
-                (Rule::CollisionUndecided, message)
-            };
-            report.add(rule, Some(overlap.first), &bodies, overlap.depth, message);
-        }
-        self.closest.map(|closest| Clearance {
-            distance_m: closest.distance,
-            t: closest.t,
-            bodies: self.names(closest.bodies, closest.parts),
-        })
-    }
+/// The names of two parts of two bodies.
+pub(super) fn names(scene: &Scene<'_>, bodies: (usize, usize), parts: (usize, usize)) -> [String; 2] {
+    let name = |body: usize, part: usize| scene.bodies[body].names.get(part).cloned().unwrap_or_default();
+    [name(bodies.0, parts.0), name(bodies.1, parts.1)]
 }

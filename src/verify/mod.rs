@@ -15,6 +15,7 @@ mod figures;
 mod gap;
 mod motion_limits;
 mod scene;
+mod spans;
 mod straight;
 mod structure;
 #[cfg(test)]
@@ -23,6 +24,8 @@ mod units;
 mod verdict;
 
 pub use verdict::{Clearance, Figures, Rule, Verdict, Violation};
+
+use std::sync::atomic::{AtomicBool, Ordering};
 
 use crate::plan::Plan;
 use crate::problem::Problem;
@@ -33,25 +36,33 @@ use verdict::Report;
 /// A plan that cannot be read (sizes, ids, numbers or times that make no sense) is judged on that
 /// alone; else every rule is checked and every violation counted.
 pub fn verify(problem: &Problem, plan: &Plan) -> Verdict {
-    let (report, clearance, figures) = judge(problem, plan, &|| false);
+    let (report, clearance, figures) = judge(problem, plan, 1, &|| false);
     report.conclude(clearance, figures)
 }
 
-/// [`verify`] for as long as `stop`, which is asked about every millisecond, says `false`; `None` when it did not.
-pub fn verify_unless(problem: &Problem, plan: &Plan, stop: &dyn Fn() -> bool) -> Option<Verdict> {
-    let stopped = std::cell::Cell::new(false);
-    let (report, clearance, figures) = judge(problem, plan, &|| {
-        stopped.set(stopped.get() || stop());
-        stopped.get()
+/// [`verify`] by up to `threads` threads, which makes no difference to the verdict, for as long as `stop`, which is asked
+/// about every millisecond, says `false`; `None` when it did not.
+pub fn verify_unless(
+    problem: &Problem,
+    plan: &Plan,
+    threads: usize,
+    stop: &(dyn Fn() -> bool + Sync),
+) -> Option<Verdict> {
+    let stopped = AtomicBool::new(false);
+    let (report, clearance, figures) = judge(problem, plan, threads, &|| {
+        let now = stopped.load(Ordering::Relaxed) || stop();
+        stopped.fetch_or(now, Ordering::Relaxed);
+        now
     });
-    (!stopped.get()).then(|| report.conclude(clearance, figures))
+    (!stopped.into_inner()).then(|| report.conclude(clearance, figures))
 }
 
 /// What is found out about `plan`; not all of it where `stop` says so.
 fn judge(
     problem: &Problem,
     plan: &Plan,
-    stop: &dyn Fn() -> bool,
+    threads: usize,
+    stop: &(dyn Fn() -> bool + Sync),
 ) -> (Report, Option<Clearance>, Option<Figures>) {
     let mut report = Report::default();
     if !structure::check(problem, plan, &mut report) {
@@ -73,7 +84,7 @@ fn judge(
     let timeline = custody::follow(problem, plan, &mut arms, &mut report);
     custody::check_goal(problem, &timeline, figures.duration_s, &mut report);
     let windows = straight::check(problem, &timeline, &mut arms, &mut report);
-    let scene = scene::Scene::new(problem, |arm| arms.chain(arm));
-    let clearance = contact::check(&scene, &timeline, &windows, &mut arms, stop, &mut report);
+    let mut scene = scene::Scene::new(problem, |arm| arms.chain(arm));
+    let clearance = spans::check(&mut scene, &timeline, &windows, &arms, threads, stop, &mut report);
     (report, clearance, Some(figures))
 }

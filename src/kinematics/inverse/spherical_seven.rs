@@ -346,7 +346,7 @@ impl SphericalSeven {
     /// The branch (without its elbow index) on which `q` is.
     #[inline]
     pub fn sides_of(&self, q: &[f64]) -> (Side, Side) {
-        let side = |angle: f64| if angle.sin() >= 0.0 { Side::Positive } else { Side::Negative };
+        let side = |angle: f64| if sin_cos(angle).0 >= 0.0 { Side::Positive } else { Side::Negative };
         (side(q[1] + self.shoulder.shift), side(q[5] + self.wrist.shift))
     }
 }

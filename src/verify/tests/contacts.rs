@@ -8,7 +8,7 @@ use super::gantry::*;
 use crate::geometry::{ExactShape, Pose};
 use crate::plan::{ArmTrajectory, Plan};
 use crate::problem::{ContactPartner, Problem};
-use crate::verify::{Rule, Verdict, verify};
+use crate::verify::{Rule, Verdict, verify, verify_unless};
 use crate::workcell::{ArmBody, Obstacle, ObstacleId, Workcell};
 
 fn cell(problem: &mut Problem) -> &mut Workcell {
@@ -159,6 +159,22 @@ fn depth_and_undecided_band() {
     collides(&deep, "plate", "left/@tool");
     let worst = deep.worst.expect("a violation");
     assert!((worst.amount - 0.007).abs() < 1e-4, "{worst:?}");
+}
+
+#[test]
+fn threads_make_no_difference_to_a_verdict() {
+    let plates = [0.5, 0.0019, 0.00197, 0.007, 0.05]
+        .map(|over| obstacle("plate", [0.05, 0.2, 0.02], [-0.2, 0.0, 0.5 + over]));
+    let wall = obstacle("wall", [0.004, 0.2, 0.02], [0.27, 0.0, 0.72]);
+    for obstacle in plates.into_iter().chain([wall]) {
+        let mut problem = problem();
+        cell(&mut problem).obstacles.push(obstacle);
+        let (plan, alone) = (dance(), format!("{:?}", verify(&problem, &dance())));
+        for threads in [0, 1, 2, 3, 40] {
+            let together = verify_unless(&problem, &plan, threads, &|| false);
+            assert_eq!(together.map(|verdict| format!("{verdict:?}")).as_ref(), Some(&alone), "{threads}");
+        }
+    }
 }
 
 /// Arbitrary smooth ways of both gantries within 4 s, without objects.

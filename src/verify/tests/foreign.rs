@@ -52,7 +52,7 @@ fn poses_and_distances_are_those_of_pinocchio_and_coal() {
         let mut frames = [Vec::new(), Vec::new()];
         let mut excursions = Vec::new();
         for (arm, frames) in frames.iter_mut().enumerate() {
-            arms.place(arm, 0.5, 0.5, frames, &mut excursions);
+            arms.place(arm, 0.5, 0.5, &mut Vec::new(), frames, &mut excursions);
         }
         // Where each body is: the arm's index (2 for the box), movable joints before it, its frame.
         let bodies: Vec<(usize, usize, Frame)> = scene
@@ -138,9 +138,9 @@ proptest! {
         });
         let curve = Curve::new(&ArmTrajectory { points: points.collect() }, 7);
         let (a, b) = (0.5 - 0.5 * span, 0.5 + 0.5 * span);
-        let mut arms = Arms::new(vec![chain.clone()], vec![curve]);
+        let arms = Arms::new(vec![chain.clone()], vec![curve]);
         let (mut frames, mut excursions) = (Vec::new(), Vec::new());
-        arms.place(0, a, b, &mut frames, &mut excursions);
+        arms.place(0, a, b, &mut Vec::new(), &mut frames, &mut excursions);
         let centre = Vec3::from(centre);
         let point = centre + Vec3::from(direction).try_normalize(1e-6).unwrap_or_else(Vec3::x) * radius;
         for node in 0..chain.len() {
@@ -150,7 +150,7 @@ proptest! {
             let (mut now, mut unused) = (Vec::new(), Vec::new());
             for i in 0..=40 {
                 let t = a + (b - a) * f64::from(i) / 40.0;
-                arms.place(0, t, t, &mut now, &mut unused);
+                arms.place(0, t, t, &mut Vec::new(), &mut now, &mut unused);
                 let moved = (now[node].apply(&point) - frames[node].apply(&point)).norm();
                 prop_assert!(moved <= bounds[0] + 1e-9, "{moved} {bounds:?}");
                 for before in 0..node {

@@ -1,6 +1,7 @@
 //! One plan that breaks no rule, and for every rule one that breaks it and is found out by it.
 
 use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
 
 use nalgebra::UnitQuaternion;
 
@@ -444,16 +445,19 @@ fn tells_in_words_and_json() {
 #[test]
 fn it_can_be_stopped() {
     let (problem, plan) = (problem(), dance());
-    let asked = std::cell::Cell::new(0);
-    let answer = |stops: bool| {
-        asked.set(0);
-        verify_unless(&problem, &plan, &|| {
-            asked.set(asked.get() + 1);
+    let asked = AtomicUsize::new(0);
+    let answer = |threads: usize, stops: bool| {
+        asked.store(0, Ordering::Relaxed);
+        verify_unless(&problem, &plan, threads, &|| {
+            asked.fetch_add(1, Ordering::Relaxed);
             stops
         })
     };
-    assert!(answer(true).is_none());
-    assert_eq!(asked.get(), 1);
-    assert!(answer(false).is_some_and(|verdict| verdict.valid));
-    assert!(asked.get() > 0);
+    assert!(answer(1, true).is_none());
+    assert_eq!(asked.load(Ordering::Relaxed), 1);
+    assert!(answer(3, true).is_none());
+    for threads in [1, 3] {
+        assert!(answer(threads, false).is_some_and(|verdict| verdict.valid));
+        assert!(asked.load(Ordering::Relaxed) > 0);
+    }
 }
