@@ -1,12 +1,13 @@
 //! From a problem to judged incumbents.
 
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
 use std::sync::{Condvar, Mutex, OnceLock, PoisonError};
 use std::time::Duration;
 
 use crate::collision::CollisionWorld;
 use crate::guidance::{Answer, Certificate, Cuts, Effort, Instance, Network, Proof, solve};
 use crate::mode_graph::{ModeGraph, ModeGraphOptions, build_mode_graph, optimistic_mode_graph};
+use crate::motion::Roadmap;
 use crate::plan::{Metrics, Plan, StepsProof};
 use crate::problem::{Objective, Problem};
 use crate::run::{CancelToken, Control, Deadline, Seed};
@@ -14,13 +15,13 @@ use crate::search::{Candidate, Map, Report, Search, Settings};
 use crate::transition::{Contacts, SampledReach};
 use crate::verify::verify_unless;
 
-use super::cache::{CompiledWorkcell, PlannerCache};
+use super::cache::PlannerCache;
 use super::event::{Outcome, PlannerEvent, Termination};
 
 /// Pairs of actions that are looked at closely and found not to go together in one step before the search begins.
 const MOST_CROWDINGS: usize = 6;
 
-/// Further threads begin once there is a plan, or after this time. Before that they would do what the first one does,
+/// Further threads begin once there is a plan, or after they have waited this long for one. Before that they would do what the first one does,
 /// and slow it down: processors share their memory, and often more.
 const ALONE: Duration = Duration::from_millis(200);
 
@@ -113,8 +114,9 @@ fn run(
     let run = Run {
         problem,
         world: &world,
-        compiled: &compiled,
-        handed: Mutex::default(),
+        roadmaps: compiled.roadmaps(),
+        handed: Mutex::new((problem.options.threads > 1).then(|| search.contacts().clone())),
+        joined: AtomicUsize::new(0),
         map: Mutex::new(search.map()),
         others: &others,
         settles: AtomicBool::new(false),
@@ -225,9 +227,11 @@ struct Bound {
 struct Run<'a, 'o> {
     problem: &'a Problem,
     world: &'a CollisionWorld,
-    compiled: &'a CompiledWorkcell,
-    /// What the first thread knew of contacts when others could join.
-    handed: Mutex<Vec<Contacts<'a>>>,
+    roadmaps: &'a [Roadmap],
+    /// What threads that join begin to know of contacts.
+    handed: Mutex<Option<Contacts<'a>>>,
+    /// How many have joined.
+    joined: AtomicUsize,
     /// What threads that join search on.
     map: Mutex<&'a Map>,
     /// Places for further maps, and whether a thread has set about filling them.
@@ -261,8 +265,7 @@ struct Board<'o> {
     rejected: u64,
 }
 
-/// The end of the first thread's search, however it comes: nobody waits for it any more, and where it is a panic, all
-/// end.
+/// The end of a thread's search, however it comes: nobody waits for a plan any more, and where it is a panic, all end.
 struct End<'r, 'a, 'o>(&'r Run<'a, 'o>);
 
 impl Drop for End<'_, '_, '_> {
@@ -279,7 +282,8 @@ impl<'a> Run<'a, '_> {
         std::thread::scope(|scope| {
             for index in 1..threads {
                 scope.spawn(move || {
-                    if index == 1 {
+                    let _end = End(self);
+                    if index == 1 && !self.should_stop() {
                         // By the time that there is a candidate, it is known how many steps it takes at least.
                         self.bound();
                     }
@@ -287,14 +291,13 @@ impl<'a> Run<'a, '_> {
                     if self.should_stop() {
                         return;
                     }
+                    self.joined.fetch_add(1, Ordering::Relaxed);
                     let (problem, world) = (self.problem, self.world);
                     let own = self.seed.part(index as u64);
-                    let handed = self.handed.lock().unwrap_or_else(PoisonError::into_inner).pop();
-                    let contacts = handed.unwrap_or_else(|| {
-                        SampledReach::remembering(problem, world, own, self.compiled.memory()).into_contacts()
-                    });
+                    let handed = self.handed.lock().unwrap_or_else(PoisonError::into_inner).clone();
+                    let Some(contacts) = handed else { return };
                     let contacts = contacts.with_rng(own.stream("contacts"));
-                    let (settings, roadmaps) = (Settings::default(), self.compiled.roadmaps().to_vec());
+                    let (settings, roadmaps) = (Settings::default(), self.roadmaps.to_vec());
                     let map = self.map();
                     let search =
                         Search::new(problem, world, map, contacts, roadmaps, settings, own, self.control);
@@ -302,9 +305,6 @@ impl<'a> Run<'a, '_> {
                 });
             }
             let _end = End(self);
-            if self.others_may_join() {
-                self.hand_over(&first);
-            }
             self.search(first);
         });
     }
@@ -356,12 +356,11 @@ impl<'a> Run<'a, '_> {
         *self.under_way.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Hands what `search` knows of contacts to the threads that are about to join.
+    /// Hands what `search` knows of contacts to threads that join from now on.
     fn hand_over(&self, search: &Search<'a>) {
-        if !self.should_stop() {
-            let others = self.problem.options.threads.max(1) - 1;
-            let copies = std::iter::repeat_n(search.contacts().clone(), others);
-            self.handed.lock().unwrap_or_else(PoisonError::into_inner).extend(copies);
+        let mut handed = self.handed.lock().unwrap_or_else(PoisonError::into_inner);
+        if handed.is_some() && !self.should_stop() {
+            *handed = Some(search.contacts().clone());
         }
     }
 
@@ -505,8 +504,9 @@ impl<'a> Run<'a, '_> {
         // The first plan is judged to the end, even when its time has come.
         let is_first = self.lock(|board| board.best.is_none());
         let is_over = || self.control.cancel.is_cancelled() || !is_first && self.control.deadline.passed();
-        // Until there is a plan the other threads wait.
-        let threads = if is_first { self.problem.options.threads } else { 1 };
+        // The others may be waiting for the first plan.
+        let alone = is_first && self.joined.load(Ordering::Relaxed) == 0;
+        let threads = if alone { self.problem.options.threads } else { 1 };
         let verdict = verify_unless(self.problem, &plan, threads, &is_over)?;
         let judged_s = self.control.deadline.elapsed_s();
         let valid = verdict.valid;

@@ -3,7 +3,7 @@
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 /// The results of `work` for each of `0..count`, in this order, by up to `threads` threads. This one is among them, so
-/// that nothing waits for another to begin; each begins with what `begin` gives, and takes the next number when it is
+/// that nothing waits for another to begin, or for one that the system does not give; each begins with what `begin` gives, and takes the next number when it is
 /// done with one.
 ///
 /// # Panics
@@ -27,7 +27,9 @@ pub fn share<S, T: Send>(
         }
     };
     let mut all = std::thread::scope(|scope| {
-        let others: Vec<_> = (1..threads.min(count)).map(|_| scope.spawn(part)).collect();
+        let others: Vec<_> = (1..threads.min(count))
+            .filter_map(|_| std::thread::Builder::new().spawn_scoped(scope, part).ok())
+            .collect();
         let mut all = part();
         for other in others {
             all.extend(other.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic)));

@@ -167,9 +167,14 @@ impl<'a, 'p> Inspector<'a, 'p> {
         new
     }
 
-    /// The closest counted pair so far.
-    pub(super) fn closest(&self) -> Option<Closest> {
-        self.closest
+    /// The closest counted pair so far, and the work that it took.
+    pub(super) fn closest(self) -> (Option<Closest>, u64) {
+        (self.closest, self.work)
+    }
+
+    /// How many axes are remembered for pairs that count all the time.
+    pub(super) fn axes(&self) -> usize {
+        self.standing_axes
     }
 
     /// Certifies the pieces of time in `phases`, with `closest` known before. The same comes out whatever was looked at
@@ -177,6 +182,7 @@ impl<'a, 'p> Inspector<'a, 'p> {
     pub(super) fn inspect(&mut self, phases: Range<usize>, closest: Option<Closest>) -> Found {
         self.closest = closest;
         self.axes[..self.standing_axes].fill(Vec3::zeros());
+        self.work += self.standing_axes as u64 / 2;
         let (begin, _) = self.course.phase(phases.start);
         let mut goes_on = self.course.go_on(0);
         for number in phases {
@@ -522,7 +528,7 @@ impl<'a, 'p> Inspector<'a, 'p> {
             }
             if apart.lower - motion > -TOLERANCE {
                 // Free of contact; only the clearance asks for more.
-                if motion > CLEARANCE_STEP {
+                if motion > CLEARANCE_STEP && to - from > SHORTEST {
                     excess = excess.min(motion / (apart.lower - target).max(CLEARANCE_STEP));
                     still_open.push(index);
                 }

@@ -40,8 +40,9 @@ pub fn verify(problem: &Problem, plan: &Plan) -> Verdict {
     report.conclude(clearance, figures)
 }
 
-/// [`verify`] by up to `threads` threads, which makes no difference to the verdict, for as long as `stop`, which is asked
-/// about every millisecond, says `false`; `None` when it did not.
+/// [`verify`] by up to `threads` threads, for as long as `stop`, which is asked about every millisecond, says `false`;
+/// `None` when it did not. How many threads there are makes no difference, but to what else is said of a plan that takes too
+/// much work.
 pub fn verify_unless(
     problem: &Problem,
     plan: &Plan,

@@ -18,6 +18,8 @@ use crate::run::share;
 const MOST_SEEDS: usize = 64;
 /// Spans into which a plan is cut at most.
 const MOST_SPANS: usize = 16;
+/// All threads but one together remember so many axes at most.
+const MOST_AXES: usize = 4_000_000;
 /// The most work before the judge gives up, in units of about 5 ns.
 const MAX_WORK: u64 = 1_000_000_000;
 
@@ -48,7 +50,8 @@ pub(super) struct Found {
 }
 
 /// Certifies the whole time with up to `threads` threads, this one among them, unless `stop` ends it; reports what
-/// overlaps, and gives the least clearance. How many threads there are makes no difference.
+/// overlaps, and gives the least clearance. How many threads there are makes no difference, but that where the work becomes
+/// too much, which does not depend on them either, one may have seen more than another.
 pub(super) fn check(
     scene: &mut Scene<'_>,
     timeline: &Timeline<'_>,
@@ -78,7 +81,10 @@ pub(super) fn check(
     for number in (0..phases).step_by(phases.div_ceil(MOST_SEEDS).max(1)) {
         first.seed(number);
     }
-    let closest = first.closest();
+    // As many threads as have room for what each remembers of the pairs.
+    let threads = threads.min(1 + MOST_AXES / first.axes().max(1));
+    let (closest, work) = first.closest();
+    course.go_on(work);
     let spans = phases.min(MOST_SPANS);
     let found = share(
         spans,

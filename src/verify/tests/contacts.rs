@@ -162,6 +162,19 @@ fn depth_and_undecided_band() {
 }
 
 #[test]
+fn what_is_too_fast_for_the_clock_is_judged_all_the_same() {
+    // So late, times are 1.5e-11 s apart, in which the hand goes 2 mm, 10 mm above its table.
+    for height in [0.525, 0.53, 0.532] {
+        let there = |t: f64, x: f64| (t, [x, 0.0, height]);
+        let left = vec![(0.0, [-0.3, 0.0, 0.9]), there(1e5 - 0.001, -5e4), there(1e5, 5e4)];
+        let right = vec![(0.0, [1.5, 0.0, 0.9]), (1e5, [1.5, 0.0, 0.9])];
+        let verdict = verify(&problem(), &plan([left, right], Vec::new()));
+        assert!(verdict.violations.iter().any(|v| v.rule == Rule::VelocityLimit), "{verdict}");
+        assert!(verdict.min_clearance.is_some(), "{verdict}");
+    }
+}
+
+#[test]
 fn threads_make_no_difference_to_a_verdict() {
     let plates = [0.5, 0.0019, 0.00197, 0.007, 0.05]
         .map(|over| obstacle("plate", [0.05, 0.2, 0.02], [-0.2, 0.0, 0.5 + over]));
