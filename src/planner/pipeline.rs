@@ -21,8 +21,8 @@ use super::event::{Outcome, PlannerEvent, Termination};
 /// Pairs of actions that are looked at closely and found not to go together in one step before the search begins.
 const MOST_CROWDINGS: usize = 6;
 
-/// Further threads begin once there is a plan, or after they have waited this long for one. Before that they would do what the first one does,
-/// and slow it down: processors share their memory, and often more.
+/// Further threads begin once there is a plan, or after they have waited this long for one. Before that they would do
+/// what the first one does, and slow it down: processors share their memory, and often more.
 const ALONE: Duration = Duration::from_millis(200);
 
 /// The proof of how few steps any plan needs gets at least this time, although the run's ends.

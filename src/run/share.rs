@@ -3,8 +3,8 @@
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 /// The results of `work` for each of `0..count`, in this order, by up to `threads` threads. This one is among them, so
-/// that nothing waits for another to begin, or for one that the system does not give; each begins with what `begin` gives, and takes the next number when it is
-/// done with one.
+/// that nothing waits for another to begin, or for one that the system does not give; each begins with what `begin`
+/// gives, and takes the next number when it is done with one.
 ///
 /// # Panics
 /// Where `begin` or `work` does.
