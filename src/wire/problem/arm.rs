@@ -5,9 +5,8 @@ use std::sync::Arc;
 
 use super::context::{Context, Named};
 use super::known_robots::{KnownRobots, OverlapKey};
-use super::robot::{
-    LimitOverride, LoadedModel, ModelCache, RobotSpec, lacks_joint, read_joint_values, read_limits,
-};
+use super::models::{LoadedModel, ModelCache};
+use super::robot::{LimitOverride, RobotSpec, lacks_joint, read_joint_values, read_limits};
 use super::shape::{read_shape, shape_bits};
 use super::statics::optional_pose;
 use crate::kinematics::{ArmModel, Config, Joint, JointLimits};

@@ -9,6 +9,7 @@ mod homes;
 mod known_robots;
 mod limits;
 mod meshes;
+mod models;
 mod object;
 mod options;
 mod packing;
@@ -17,6 +18,7 @@ mod robot;
 mod shape;
 mod statics;
 mod triangles;
+mod unused_robots;
 mod urdf_names;
 
 pub use known_robots::KnownRobots;
